@@ -1,0 +1,122 @@
+"""What a parameter or signal is: its name, unit and meaning, declared once.
+
+Everything that shows a quantity to somebody (the FMU's model description, the documentation
+tables, the messages about bad input, the units of a result file) reads it from here.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+
+class InputError(ValueError):
+    """The input is wrong; the message names the variable, file or line and what would be right."""
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One scalar that crosses a model's boundary.
+
+    Attributes:
+        name: Structured name, for example ``axle_shaft.stiffness``.
+        unit: SI unit in FMI spelling (``N.m/rad``, ``rad/s``, ``1``).
+        meaning: One line for whoever sees the variable in a foreign tool.
+        causality: ``parameter``, ``input`` or ``output``.
+        variability: ``fixed``, ``tunable``, ``discrete`` or ``continuous``.
+        kind: ``real``, ``integer`` or ``boolean``; the model stores all three as a double.
+        start: Start value, in ``unit``.
+        minimum, maximum: The range that makes sense; outside it the model refuses.
+        nominal: Typical magnitude, for solvers and plots; None where 1 will do.
+        depends_on: For an output: the inputs it depends on *within* one communication step
+            without a state between them (empty: none).
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    causality: str = "parameter"
+    variability: str = "fixed"
+    kind: str = "real"
+    start: float = 0.0
+    minimum: float | None = None
+    maximum: float | None = None
+    nominal: float | None = None
+    depends_on: tuple[str, ...] = ()
+
+    def check(self, value: float) -> None:
+        """Raise InputError unless ``value`` is finite and inside the range of this variable."""
+        if not value - value == 0.0:  # true for NaN and both infinities
+            raise InputError(f"{self.name} is {value}: a finite number in {self.unit} is needed")
+        if self.minimum is not None and value < self.minimum:
+            raise InputError(f"{self.name} is {value:g} {self.unit}: at least {self.minimum:g} is needed")
+        if self.maximum is not None and value > self.maximum:
+            raise InputError(f"{self.name} is {value:g} {self.unit}: at most {self.maximum:g} is possible")
+        if self.kind != "real" and value != int(value):
+            raise InputError(f"{self.name} is {value:g}: a whole number is needed")
+
+
+def quantity(
+    unit: str,
+    meaning: str,
+    *,
+    start: Any = dataclasses.MISSING,
+    minimum: float | None = None,
+    maximum: float | None = None,
+    nominal: float | None = None,
+    tunable: bool = False,
+    kind: str = "real",
+) -> Any:
+    """A parameter, as the field of an element's dataclass: unit and meaning stand on the field.
+
+    A tuple-valued field is a table; its entries become ``name[1]``, ``name[2]`` ...
+    """
+    metadata = {
+        "unit": unit, "meaning": meaning, "minimum": minimum, "maximum": maximum,
+        "nominal": nominal, "variability": "tunable" if tunable else "fixed", "kind": kind,
+    }
+    return dataclasses.field(default=start, metadata=metadata)
+
+
+def parameter_variables(owner: Any, prefix: str = "") -> Iterator[Variable]:
+    """The parameters of a dataclass instance, depth first, as scalar variables.
+
+    Args:
+        owner: A dataclass instance whose fields are quantities, tuples of numbers or dataclasses.
+        prefix: Put before every name, ending with a dot where it is not empty.
+    """
+    for field in dataclasses.fields(owner):
+        value = getattr(owner, field.name)
+        name = prefix + field.name
+        if dataclasses.is_dataclass(value):
+            yield from parameter_variables(value, name + ".")
+            continue
+        entries = [(name, value)]
+        if isinstance(value, tuple):
+            entries = [(f"{name}[{i}]", entry) for i, entry in enumerate(value, start=1)]
+        for entry_name, entry in entries:
+            yield Variable(entry_name, start=float(entry), **field.metadata)
+
+
+def with_values(owner: Any, values: dict[str, float], prefix: str = "") -> Any:
+    """A copy of a dataclass instance with the scalars of ``values`` (by structured name) put in.
+
+    Integers and booleans come back as such. Names that do not belong to ``owner`` are ignored;
+    who builds ``values`` checks them against ``parameter_variables``.
+    """
+    changed: dict[str, Any] = {}
+    for field in dataclasses.fields(owner):
+        value = getattr(owner, field.name)
+        name = prefix + field.name
+        if dataclasses.is_dataclass(value):
+            changed[field.name] = with_values(value, values, name + ".")
+        elif isinstance(value, tuple):
+            changed[field.name] = tuple(
+                float(values.get(f"{name}[{i}]", entry)) for i, entry in enumerate(value, start=1)
+            )
+        else:
+            convert = {"real": float, "integer": int, "boolean": bool}[field.metadata["kind"]]
+            changed[field.name] = convert(values.get(name, value))
+    return dataclasses.replace(owner, **changed)
