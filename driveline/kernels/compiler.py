@@ -1,0 +1,153 @@
+"""Entry points to a plain shared library, ahead of time: Python -> LLVM (Numba) -> object -> zig cc.
+
+Runs in a process of its own (``native.build`` starts it), because Numba must be told before its
+import to aim at an ordinary x86-64 processor instead of the one at hand: the bytes of the library,
+and the numbers it gives, must not depend on the machine that built it.
+
+The library exports, for each entry point ``f(array, ..., scalar, ...)``, a C function ::
+
+    struct array { void *data; int64_t size; };
+    int64_t f(const struct array *arrays, double or int64_t scalar, ...);
+
+Arrays travel in one table because a call then costs the same however many there are.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from . import backend
+from .backend import Floats
+
+# What Numba must see in the environment before it is imported; set by native.build. Vector math
+# libraries and processor features of the building machine would change the last bits.
+CPU = "x86-64-v2"
+ENVIRONMENT = {
+    "NUMBA_CPU_NAME": CPU,
+    "NUMBA_CPU_FEATURES": "",
+    "NUMBA_DISABLE_INTEL_SVML": "1",
+    "PYTHONHASHSEED": "0",
+}
+C_LIBRARY = set("""acos asin atan atan2 cos cosh exp exp2 expm1 fmod frexp ldexp log log10 log1p log2
+    pow sin sincos sinh tan tanh floor ceil round trunc fabs memcpy memmove memset""".split())
+C_TYPES = {float: "double", int: "int64_t"}
+HEADER = """\
+#include <stdint.h>
+#ifdef _WIN32
+#define EXPORT __declspec(dllexport)
+#else
+#define EXPORT __attribute__((visibility("default")))
+#endif
+struct array { void *data; int64_t size; };
+"""
+
+
+class CompileError(Exception):
+    """The kernels cannot be compiled; the message says which rule of backend.py they break."""
+
+
+def wrapper_source(name: str, function: Callable) -> tuple[str, str]:
+    """For one entry point: the Python wrapper Numba compiles, and the C function that is exported."""
+    arrays, scalars = backend.signature(function)
+    taken = [f"a{i}, n{i}" for i in range(len(arrays))] + [f"s{i}" for i in range(len(scalars))]
+    passed = [f"carray(a{i}, (n{i},))" for i in range(len(arrays))] + taken[len(arrays):]
+    python = f"def wrapper({', '.join(taken)}):\n    return function({', '.join(passed)})\n"
+
+    scalar_types = [C_TYPES[kind] for kind in scalars]
+    inner = ["void*, int64_t"] * len(arrays) + scalar_types
+    outer = ["const struct array *a"] + [f"{kind} s{i}" for i, kind in enumerate(scalar_types)]
+    given = [f"a[{i}].data, a[{i}].size" for i in range(len(arrays))] + taken[len(arrays):]
+    c = (f"extern int64_t kernel_{name}({', '.join(inner)});\n"
+         f"EXPORT int64_t {name}({', '.join(outer)}) {{ return kernel_{name}({', '.join(given)}); }}\n")
+    return python, c
+
+
+def compile_entry_point(name: str, function: Callable):
+    """LLVM module of one entry point, with the wrapper named ``kernel_<name>`` and all else internal."""
+    import llvmlite.binding as llvm
+    import numba
+
+    pointers = {Floats: numba.types.CPointer(numba.types.float64),
+                backend.Integers: numba.types.CPointer(numba.types.int64)}
+    values = {float: numba.types.float64, int: numba.types.int64}
+    arrays, scalars = backend.signature(function)
+    kinds = [kind for array in arrays for kind in (pointers[array], numba.types.int64)]
+    kinds += [values[scalar] for scalar in scalars]
+
+    scope = {"carray": numba.carray, "function": function}
+    exec(wrapper_source(name, function)[0], scope)
+    compiled = numba.cfunc(numba.types.int64(*kinds), error_model="numpy")(scope["wrapper"])
+
+    module = llvm.parse_assembly(compiled._library.get_llvm_str())
+    for symbol in [*module.functions, *module.global_variables]:
+        if symbol.name == compiled._wrapper_name:
+            symbol.name = f"kernel_{name}"
+            symbol.visibility = "hidden"
+        elif not symbol.is_declaration:
+            symbol.linkage = "internal"
+    return module
+
+
+def compile_module(functions: dict[str, Callable]):
+    """One LLVM module with every entry point, not yet optimised across kernels."""
+    from numba.extending import register_jitable
+
+    for used in backend.reached_kernels(list(functions.values())):
+        register_jitable(error_model="numpy")(used)
+    modules = [compile_entry_point(name, function) for name, function in functions.items()]
+    for other in modules[1:]:
+        modules[0].link_in(other)
+    return modules[0]
+
+
+def optimise(module, machine) -> None:
+    """Optimise across kernels; only after that is it visible that none of them can raise.
+
+    Raises:
+        CompileError: A kernel still needs something of Python: it raises or allocates.
+    """
+    import llvmlite.binding as llvm
+
+    builder = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=3))
+    builder.getModulePassManager().run(module, builder)
+    needed = {s.name for s in [*module.functions, *module.global_variables] if s.is_declaration}
+    foreign = sorted(n for n in needed if not n.startswith("llvm.") and n not in C_LIBRARY)
+    if foreign:
+        raise CompileError(
+            f"a kernel allocates or can raise: it needs {', '.join(foreign)}; backend.py says what it may do")
+
+
+def build(targets: dict[str, dict[str, str]], out: Path) -> None:
+    """Compile every entry point for every target into ``out``; see ``native.build``."""
+    import llvmlite.binding as llvm
+
+    llvm.initialize_all_targets()
+    llvm.initialize_all_asmprinters()
+    functions = backend.import_entry_points()
+    (out / "exports.c").write_text(HEADER + "".join(wrapper_source(*item)[1] for item in functions.items()))
+    ir = str(compile_module(functions))
+    for target in targets.values():
+        module = llvm.parse_assembly(ir)
+        module.triple = target["triple"]
+        machine = llvm.Target.from_triple(target["triple"]).create_target_machine(
+            cpu=CPU, opt=3, reloc="pic", codemodel="default")
+        module.data_layout = str(machine.target_data)
+        optimise(module, machine)
+        (out / "kernels.o").write_bytes(machine.emit_object(module))
+        subprocess.run(
+            [sys.executable, "-m", "ziglang", "cc", "-O2", "-s", "-shared", "-target", target["zig"],
+             *target["flags"], "exports.c", "kernels.o", "-o", target["file"]], cwd=out, check=True)
+
+
+if __name__ == "__main__":
+    request = json.load(sys.stdin)
+    sys.path[:] = request["path"]
+    backend.KERNEL_MODULES = tuple(request["modules"])
+    try:
+        build(request["targets"], Path(request["out"]))
+    except Exception as error:  # the parent shows one message, not the compiler's own traceback
+        sys.exit(f"{type(error).__name__}: {error}")

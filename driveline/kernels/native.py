@@ -1,0 +1,244 @@
+"""Loading the compiled kernels, and building them where the tools for that are installed.
+
+An FMU ships the library in the package's folder ``lib`` and never compiles. In a development
+environment the library is built once per content of the kernels and kept in the user's cache.
+Where neither is possible the kernels run as plain Python: the same numbers, much slower.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import hashlib
+import importlib.util
+import json
+import logging
+import os
+import platform
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterable
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+
+from . import backend as declared
+from .backend import Floats, Integers
+
+log = logging.getLogger(__name__)
+
+PACKAGE = Path(__file__).resolve().parents[1]
+SHIPPED = PACKAGE / "lib"
+TARGETS = {
+    "linux-x86_64": {
+        "triple": "x86_64-unknown-linux-gnu", "zig": "x86_64-linux-gnu.2.17",
+        "flags": ["-fPIC"], "file": "kernels-linux-x86_64.so"},
+    "windows-x86_64": {
+        "triple": "x86_64-pc-windows-gnu", "zig": "x86_64-windows-gnu",
+        "flags": ["-Wl,--no-insert-timestamp"], "file": "kernels-windows-x86_64.dll"},
+}
+SEAL = b"sha256:"  # a library ends with this and its digest; the system's loader ignores what follows the image
+C_TYPES = {float: ctypes.c_double, int: ctypes.c_int64}
+DTYPES = {Floats: np.dtype(np.float64), Integers: np.dtype(np.int64)}
+
+
+class Unavailable(Exception):
+    """There is no compiled library for this machine; the message says why."""
+
+
+def this_machine() -> str:
+    """The name this machine has in TARGETS, or would have."""
+    machine = platform.machine().lower()
+    return f"{platform.system().lower()}-{'x86_64' if machine == 'amd64' else machine}"
+
+
+def build(targets: Iterable[str], out: Path | str) -> list[Path]:
+    """Compile all entry points into one shared library a target; needs numba and ziglang.
+
+    Args:
+        targets: Keys of ``TARGETS``.
+        out: Folder for the libraries; made where it is missing. Files there appear complete.
+
+    Returns:
+        The library files, in the order of ``targets``. The same kernels give the same bytes.
+
+    Raises:
+        Unavailable: The tools are missing, or the kernels cannot be compiled.
+    """
+    from . import compiler
+
+    targets = {name: TARGETS[name] for name in targets}
+    for tool in ("numba", "ziglang"):
+        if importlib.util.find_spec(tool) is None:
+            raise Unavailable(f"{tool} is not installed")
+    out = Path(out)
+    out.mkdir(parents=True, exist_ok=True)
+    log.info("compiling the kernels for %s", ", ".join(targets))
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("NUMBA_")}
+    environment |= compiler.ENVIRONMENT
+    environment.setdefault("ZIG_GLOBAL_CACHE_DIR", str(_cache() / "zig"))
+    root = PACKAGE.parent
+    with tempfile.TemporaryDirectory(dir=out, prefix=".build-") as scratch:
+        request = {"targets": targets, "out": scratch, "modules": declared.KERNEL_MODULES,
+                   "path": [str(root), *sys.path]}
+        done = subprocess.run(
+            [sys.executable, "-m", compiler.__name__], cwd=root, env=environment,
+            input=json.dumps(request), capture_output=True, text=True)
+        if done.returncode:
+            raise Unavailable(f"the kernels do not compile: {done.stderr.strip()}")
+        libraries = []
+        for target in targets.values():
+            made = Path(scratch, target["file"])
+            content = made.read_bytes()
+            made.write_bytes(content + SEAL + hashlib.sha256(content).digest())
+            libraries.append(out / target["file"])
+            os.replace(made, libraries[-1])
+    return libraries
+
+
+def library() -> Path:
+    """The library for this machine: from the cache, or built into it.
+
+    Raises:
+        Unavailable: This machine is not among TARGETS, or the library cannot be built.
+    """
+    machine = this_machine()
+    if machine not in TARGETS:
+        raise Unavailable(f"the kernels are not compiled for {machine}, only for {', '.join(TARGETS)}")
+    for tool in ("numba", "ziglang"):
+        if importlib.util.find_spec(tool) is None:
+            raise Unavailable(f"{tool} is not installed")
+    folder = _cache() / "kernels" / _fingerprint()
+    path = folder / TARGETS[machine]["file"]
+    if not _is_whole(path):
+        build([machine], folder)
+    return path
+
+
+def _cache() -> Path:
+    if "DRIVELINE_CACHE" in os.environ:
+        return Path(os.environ["DRIVELINE_CACHE"])
+    import platformdirs
+
+    return Path(platformdirs.user_cache_dir("driveline-cosim", appauthor=False))
+
+
+def _fingerprint() -> str:
+    """Digest of all that decides the library's content: code, constants, compiler, recipe."""
+    digest = hashlib.sha256()
+    for tool in ("numba", "llvmlite", "ziglang"):
+        digest.update(f"{tool} {version(tool)} ".encode())
+    digest.update(Path(__file__).with_name("compiler.py").read_bytes())
+    entries = declared.import_entry_points()
+    for name, function in entries.items():
+        digest.update(f"{name} {declared.signature(function)}".encode())
+    for function in declared.reached_kernels(list(entries.values())):
+        code = function.__code__
+        digest.update(code.co_code)
+        digest.update(repr((code.co_names, code.co_varnames, code.co_consts, function.__defaults__,
+                            declared.constants_of(function))).encode())
+    return digest.hexdigest()[:16]
+
+
+def _is_whole(path: Path) -> bool:
+    """Whether the file is there and ends with the digest of the rest; loading half a file can crash."""
+    if not path.is_file():
+        return False
+    content = path.read_bytes()
+    end = len(content) - len(SEAL) - 32
+    return content[end:] == SEAL + hashlib.sha256(content[:max(end, 0)]).digest()
+
+
+class Entry:
+    """One entry point, ready to be bound to its arrays.
+
+    Attributes:
+        name: Its name.
+        backend: ``native`` or ``python``.
+    """
+
+    def __init__(self, name: str, compiled: ctypes.CDLL | None) -> None:
+        self.name = name
+        self.backend = "python" if compiled is None else "native"
+        self._function = declared.ENTRY_POINTS[name]
+        self._arrays, self._scalars = declared.signature(self._function)
+        if compiled is not None:
+            self._function = getattr(compiled, name)
+            self._function.restype = ctypes.c_int64
+            self._function.argtypes = [ctypes.c_void_p, *(C_TYPES[kind] for kind in self._scalars)]
+
+    def bind(self, *arrays: np.ndarray) -> Callable[..., int]:
+        """Fix the arrays; what comes back takes the scalars only and works on the arrays in place.
+
+        Raises:
+            TypeError: An array has another type than declared, is not one-dimensional and
+                contiguous, or cannot be written.
+        """
+        if len(arrays) != len(self._arrays):
+            raise TypeError(f"{self.name} works on {len(self._arrays)} arrays, {len(arrays)} were given")
+        for i, (array, kind) in enumerate(zip(arrays, self._arrays, strict=True)):
+            if not (isinstance(array, np.ndarray) and array.dtype == DTYPES[kind] and array.ndim == 1
+                    and array.flags.c_contiguous and array.flags.aligned and array.flags.writeable):
+                raise TypeError(f"{self.name}: array {i} must be one-dimensional, contiguous, writeable "
+                                f"{DTYPES[kind]}")
+        if self.backend == "python":
+            return functools.partial(self._function, *(memoryview(array) for array in arrays))
+        table = np.array([(array.ctypes.data, array.size) for array in arrays], dtype=np.int64)
+        bound = functools.partial(self._function, table.ctypes.data)
+        bound.keep_alive = (table, arrays)
+        return bound
+
+
+@functools.cache
+def _loaded() -> tuple[ctypes.CDLL | None, str]:
+    """The compiled library of this process, and what to say about it."""
+    try:
+        shipped = SHIPPED.is_dir()
+        path = SHIPPED / _file_name() if shipped else library()
+        if not path.is_file():
+            raise Unavailable(f"no compiled kernels for {this_machine()} are shipped in {SHIPPED}")
+        if not _is_whole(path):
+            raise Unavailable(f"{path} is damaged")
+        compiled = ctypes.CDLL(str(path))
+        for name in declared.import_entry_points():
+            getattr(compiled, name)
+    except (Unavailable, OSError, AttributeError) as reason:
+        told = f"the kernels run as plain Python, which is slow: {reason}"
+        log.warning("%s", told)
+        return None, told
+    return compiled, f"the kernels run compiled, from {path}"
+
+
+def _file_name() -> str:
+    target = TARGETS.get(this_machine())
+    return target["file"] if target else f"kernels-{this_machine()}"
+
+
+def describe() -> str:
+    """One sentence on what the kernels run as, and why; for the host's log."""
+    return _loaded()[1]
+
+
+def load(name: str, backend: str = "auto") -> Entry:
+    """An entry point by name.
+
+    Args:
+        name: The entry point's name.
+        backend: ``native`` (compiled), ``python``, or ``auto``: compiled where that is possible.
+
+    Raises:
+        KeyError: There is no such entry point.
+        Unavailable: ``native`` was asked for and is not possible; the message says why.
+    """
+    if name not in declared.import_entry_points():
+        raise KeyError(f"no entry point is called {name}; there are {', '.join(declared.ENTRY_POINTS)}")
+    if backend not in ("auto", "native", "python"):
+        raise ValueError(f"backend {backend!r} is not known: it is auto, native or python")
+    if backend == "python":
+        return Entry(name, None)
+    compiled, told = _loaded()
+    if compiled is None and backend == "native":
+        raise Unavailable(told)
+    return Entry(name, compiled)
