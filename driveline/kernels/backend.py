@@ -15,7 +15,7 @@ What a kernel may contain, so that both ways give the same numbers:
 - Squares are written ``x * x``: ``x ** 2`` and ``pow`` round differently in the two.
 - Division by zero and the domain errors of ``math`` (a negative root, an overflowing ``exp``)
   raise in plain Python and give infinity or NaN compiled: keep away from both.
-- Integers have 64 bits compiled and no end in Python: keep every intermediate inside
+- I8 have 64 bits compiled and no end in Python: keep every intermediate inside
   +-2**63. A negative index is not allowed; an index too large is not noticed when compiled.
 """
 
@@ -29,8 +29,9 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
+# Annotations of an entry point's arrays; both are one-dimensional.
+F8 = NDArray[np.float64]
+I8 = NDArray[np.int64]
 
 # Modules that hold entry points; a leading dot counts from the package this file is shipped in.
 KERNEL_MODULES: tuple[str, ...] = (".kernels.network",)
@@ -49,14 +50,14 @@ def kernel(function: Function) -> Function:
 def entry_point(function: Function) -> Function:
     """Mark a kernel that the library exports under its own name.
 
-    The function takes arrays (``Floats``, ``Integers``), then scalars (``float``, ``int``), and
+    The function takes arrays (``F8``, ``I8``), then scalars (``float``, ``int``), and
     returns an int status whose meaning is its own.
 
     Raises:
         TypeError: An argument is not annotated that way, or the name is taken.
     """
     kinds, scalars = signature(function)
-    if any(kind in (Floats, Integers) for kind in scalars):
+    if any(kind in (F8, I8) for kind in scalars):
         raise TypeError(f"{function.__name__}: the array arguments must come before the scalars")
     taken = ENTRY_POINTS.get(function.__name__)
     if taken is not None and taken.__module__ != function.__module__:
@@ -71,9 +72,9 @@ def signature(function: Callable) -> tuple[list, list]:
     result = kinds.pop("return", None)
     names = list(inspect.signature(function).parameters)
     for name in names:
-        if kinds.get(name) not in (Floats, Integers, float, int):
+        if kinds.get(name) not in (F8, I8, float, int):
             raise TypeError(
-                f"{function.__name__}: argument {name} needs the annotation Floats, Integers, float or int")
+                f"{function.__name__}: argument {name} needs the annotation F8, I8, float or int")
     if result is not int:
         raise TypeError(f"{function.__name__}: an entry point returns int, its status")
     ordered = [kinds[name] for name in names]

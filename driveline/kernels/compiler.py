@@ -21,7 +21,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from . import backend
-from .backend import Floats
+from .backend import F8
 
 # What Numba must see in the environment before it is imported; set by native.build. Vector math
 # libraries and processor features of the building machine would change the last bits.
@@ -71,8 +71,8 @@ def compile_entry_point(name: str, function: Callable):
     import llvmlite.binding as llvm
     import numba
 
-    pointers = {Floats: numba.types.CPointer(numba.types.float64),
-                backend.Integers: numba.types.CPointer(numba.types.int64)}
+    pointers = {F8: numba.types.CPointer(numba.types.float64),
+                backend.I8: numba.types.CPointer(numba.types.int64)}
     values = {float: numba.types.float64, int: numba.types.int64}
     arrays, scalars = backend.signature(function)
     kinds = [kind for array in arrays for kind in (pointers[array], numba.types.int64)]

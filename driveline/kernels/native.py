@@ -25,7 +25,7 @@ from pathlib import Path
 import numpy as np
 
 from . import backend as declared
-from .backend import Floats, Integers
+from .backend import F8, I8
 
 log = logging.getLogger(__name__)
 
@@ -39,9 +39,9 @@ TARGETS = {
         "triple": "x86_64-pc-windows-gnu", "zig": "x86_64-windows-gnu",
         "flags": ["-Wl,--no-insert-timestamp"], "file": "kernels-windows-x86_64.dll"},
 }
-SEAL = b"sha256:"  # a library ends with this and its digest; the system's loader ignores what follows the image
+SEAL = b"sha256:"  # this and its digest end a library; system loaders ignore what follows the image
 C_TYPES = {float: ctypes.c_double, int: ctypes.c_int64}
-DTYPES = {Floats: np.dtype(np.float64), Integers: np.dtype(np.int64)}
+DTYPES = {F8: np.dtype(np.float64), I8: np.dtype(np.int64)}
 
 
 class Unavailable(Exception):
