@@ -158,7 +158,7 @@ class Gearbox:
             raise InputError(f"{what} holds the input shaft still")
         if gear != NEUTRAL and not moving[self._index[self.output_shaft]]:
             raise InputError(f"{what} holds the output shaft still")
-        return np.where(moving, speeds, 0.0) / speeds[self._index[self.input_shaft]]
+        return np.where(moving, speeds / speeds[self._index[self.input_shaft]], 0.0)
 
     def ratio(self, gear: int) -> float:
         """Input speed over output speed; negative in reverse.

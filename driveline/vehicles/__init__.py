@@ -1,0 +1,340 @@
+"""Vehicle files: every number of the full-order plant with its unit and its source, as TOML.
+
+``docs/vehicles.md`` describes the format. Numbers become SI here, once; the rest of the package
+sees plain floats by structured name.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import re
+import tomllib
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from ..elements.planetary import NEUTRAL, Gearbox, PlanetarySet, ShiftElement
+from ..quantities import InputError, Variable
+
+BASELINE = "baseline"
+GEARS = (-1, 0, *range(1, 11))  # the gear each of the twelve entries of a gear table belongs to
+_FOLDER = Path(__file__).parent
+_NUMBERED = re.compile(r"^(.*)\[(\d+)\]$")
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """The parameters of one vehicle in one variant.
+
+    Attributes:
+        name: Name of the vehicle file without its ending.
+        variant: ``baseline`` (the file as written) or the name of the variant applied to it.
+        values: Structured name (``axle_shaft.stiffness``, ``transmission.ratio[7]``) to value in SI.
+        sources: The same names to where the number comes from.
+        units: The same names to the unit the file used.
+        places: The same names to "file, line N", for messages.
+        gearbox: The planetary gearbox the ratios came from; None for a plain ratio table.
+    """
+
+    name: str
+    variant: str
+    values: dict[str, float]
+    sources: dict[str, str]
+    units: dict[str, str] = field(repr=False)
+    places: dict[str, str] = field(repr=False)
+    gearbox: Gearbox | None = field(default=None, repr=False)
+
+    def check(self, variables: Iterable[Variable]) -> None:
+        """Compare with the declared parameters of a plant.
+
+        Args:
+            variables: Declared variables; those that are not parameters are ignored.
+
+        Raises:
+            InputError: A name is not declared, a unit has another dimension than the declared one,
+                or a value is out of range; the message names file, line and what would be right.
+        """
+        declared = {v.name: v for v in variables if v.causality == "parameter"}
+        for name, value in self.values.items():
+            place = self.places[name]
+            if name not in declared:
+                raise InputError(f"{place}: {_unknown(name, declared)}")
+            variable, unit = declared[name], self.units[name]
+            if not _same_dimension(unit, variable.unit):
+                raise InputError(f"{place}: {name} is given in {unit!r}: "
+                                 f"{variable.unit!r} or a unit of its dimension is needed")
+            try:
+                variable.check(value)
+            except InputError as error:
+                raise InputError(f"{place}: {error}") from None
+
+
+def names() -> list[str]:
+    """The vehicles that ship with the package."""
+    return sorted(path.stem for path in _FOLDER.glob("*.toml"))
+
+
+def variants(name_or_path: str | Path) -> list[str]:
+    """``baseline`` and the variants a vehicle file declares."""
+    return [BASELINE, *_File(name_or_path).variants]
+
+
+def load(name_or_path: str | Path, variant: str | None = None) -> Vehicle:
+    """Read a vehicle file, apply a variant and convert everything to SI.
+
+    Args:
+        name_or_path: One of ``names()``, or the path of a TOML file.
+        variant: One of ``variants(...)``; None means ``baseline``, the file as written.
+
+    Raises:
+        InputError: The file is missing or says something that has no meaning; the message names
+            file, line, table and entry, and what would be right.
+    """
+    file = _File(name_or_path)
+    entries, gearbox = file.entries()
+    variant = BASELINE if variant is None else variant
+    if variant != BASELINE:
+        if variant not in file.variants:
+            raise InputError(f"{file.path}: no variant {variant!r}; there are {', '.join([BASELINE, *file.variants])}")
+        file.change(entries, variant)
+    return Vehicle(
+        file.path.stem, variant,
+        values={name: e.value for name, e in entries.items()},
+        sources={name: e.source for name, e in entries.items()},
+        units={name: e.unit for name, e in entries.items()},
+        places={name: e.place for name, e in entries.items()},
+        gearbox=gearbox)
+
+
+@dataclass(frozen=True)
+class _Entry:
+    """One scalar in SI, the unit it was written in, its source and its place in the file."""
+
+    value: float
+    unit: str
+    source: str
+    place: str
+
+
+class _File:
+    """A parsed vehicle file that knows on which line everything stands."""
+
+    def __init__(self, name_or_path: str | Path) -> None:
+        self.path = Path(name_or_path)
+        if str(name_or_path) in names():
+            self.path = _FOLDER / f"{name_or_path}.toml"
+        if not self.path.is_file():
+            raise InputError(f"no vehicle {str(name_or_path)!r}: the path of a TOML file is needed, "
+                             f"or one of {', '.join(names())}")
+        try:
+            text = self.path.read_text(encoding="utf-8")
+            self.data = tomllib.loads(text)
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+            raise InputError(f"{self.path}: this is not TOML: {error}") from None
+        self.lines = dict(_lines(text))
+        self.variants = self.data.pop("variant", {})
+
+    def place(self, *keys: str) -> str:
+        """File and line of a table or entry, or of the innermost table around it that has a line."""
+        for end in range(len(keys), 0, -1):
+            if keys[:end] in self.lines:
+                return f"{self.path}, line {self.lines[keys[:end]]}"
+        return str(self.path)
+
+    def fail(self, keys: tuple[str, ...], what: str) -> InputError:
+        return InputError(f"{self.place(*keys)}: [{'.'.join(keys[:-1])}] {keys[-1]}: {what}")
+
+    def entries(self) -> tuple[dict[str, _Entry], Gearbox | None]:
+        """All scalars of the file by structured name, and the gearbox if there is one."""
+        entries: dict[str, _Entry] = {}
+        for section, table in self.data.items():
+            if section == "gearbox":
+                continue
+            if not isinstance(table, dict):
+                raise InputError(f"{self.place(section)}: {section} stands alone: tables such as "
+                                 "[vehicle] with entries such as mass = { value, unit, source } are needed")
+            for name, given in table.items():
+                entries |= self.entry((section, name), given)
+        gearbox = None
+        if "gearbox" in self.data:
+            gearbox = self.gearbox()
+            for name in ("ratio", "inertia"):
+                if f"transmission.{name}[1]" in entries:
+                    raise self.fail(("transmission", name), "[gearbox] gives it already; leave one of them out")
+            entries |= self.gear_tables(gearbox)
+        return entries, gearbox
+
+    def entry(self, keys: tuple[str, ...], given: Any) -> dict[str, _Entry]:
+        """One entry of the file: a scalar, or a table as ``name[1]``, ``name[2]`` ..."""
+        needed = 'write { value = ..., unit = "...", source = "..." }, or values = [...] for a table'
+        if not isinstance(given, dict):
+            raise self.fail(keys, needed)
+        if unknown := sorted(set(given) - {"value", "values", "unit", "source"}):
+            raise self.fail(keys, f"{unknown[0]!r} is not known here; {needed}")
+        if ("value" in given) == ("values" in given):
+            raise self.fail(keys, f"exactly one of value and values; {needed}")
+        unit, source = self.unit(keys, given), self.source(keys, given)
+        name, place = ".".join(keys), self.place(*keys)
+        if "value" in given:
+            return {name: _Entry(self.si(keys, given["value"], unit), unit, source, place)}
+        if not isinstance(given["values"], list) or not given["values"]:
+            raise self.fail(keys, "values needs a list of numbers")
+        return {f"{name}[{i}]": _Entry(self.si(keys, number, unit), unit, source, place)
+                for i, number in enumerate(given["values"], start=1)}
+
+    def unit(self, keys: tuple[str, ...], given: dict[str, Any]) -> str:
+        unit = given.get("unit")
+        if not isinstance(unit, str):
+            raise self.fail(keys, 'unit = "..." is missing ("1" for a pure number)')
+        try:
+            _factor(unit)
+        except ValueError as error:
+            raise self.fail(keys, str(error)) from None
+        return unit
+
+    def source(self, keys: tuple[str, ...], given: dict[str, Any]) -> str:
+        source = given.get("source")
+        if not isinstance(source, str) or not source.strip():
+            raise self.fail(keys, 'source = "..." is missing: say where the number comes from')
+        return source
+
+    def si(self, keys: tuple[str, ...], number: Any, unit: str) -> float:
+        """A number of the file in SI."""
+        if not isinstance(number, (int, float)) or number - number != 0.0:
+            raise self.fail(keys, f"{number!r} is not a finite number")
+        return float(number) * _factor(unit)
+
+    def change(self, entries: dict[str, _Entry], variant: str) -> None:
+        """Apply the changes of a variant; a name without index changes a whole table."""
+        for name, given in self.variants[variant].items():
+            keys = ("variant", variant, name)
+            operations = {"add", "times", "set"} & set(given) if isinstance(given, dict) else set()
+            if len(operations) != 1 or set(given) - operations - {"unit", "source"}:
+                raise self.fail(keys, "write one of add, times, set, then unit (not with times) and source, "
+                                      'for example { add = 300, unit = "kg", source = "..." }')
+            targets = [n for n in entries if n == name or _NUMBERED.sub(r"\1", n) == name]
+            if not targets:
+                raise self.fail(keys, _unknown(name, entries))
+            operation, source = operations.pop(), self.source(keys, given)
+            unit = "1" if operation == "times" else self.unit(keys, given)
+            number = self.si(keys, given[operation], unit)
+            for target in targets:
+                old = entries[target]
+                if operation != "times" and not _same_dimension(unit, old.unit):
+                    raise self.fail(keys, f"{unit!r} is not a unit of its dimension, which was given in {old.unit!r}")
+                value = {"add": old.value + number, "times": old.value * number, "set": number}[operation]
+                entries[target] = _Entry(value, old.unit, f"{operation} {given[operation]}: {source}; "
+                                                          f"before: {old.source}", self.place(*keys))
+
+    def gearbox(self) -> Gearbox:
+        """The planetary gearbox of the file."""
+        table = self.data["gearbox"]
+        needed = {"source", "input_shaft", "output_shaft", "inertia", "sets", "shift_elements", "clutch_table"}
+        for name in sorted(needed ^ set(table)):
+            raise self.fail(("gearbox", name), "is missing" if name in needed else f"unknown; {sorted(needed)}")
+        self.source(("gearbox", "source"), table)
+
+        def build(kind: type, group: str, name: str, given: Any) -> Any:
+            wanted = [f.name for f in dataclasses.fields(kind)]
+            if not isinstance(given, dict) or set(given) - {"source"} != set(wanted):
+                raise self.fail(("gearbox", group, name), f"needs exactly {', '.join(wanted)}, and source if it differs")
+            return kind(**{key: given[key] for key in wanted})
+
+        inertias = {}
+        for shaft, given in table["inertia"].items():
+            inertias |= {shaft: self.entry(("gearbox", "inertia", shaft), given)[f"gearbox.inertia.{shaft}"]}
+            if not _same_dimension(inertias[shaft].unit, "kg.m2"):
+                raise self.fail(("gearbox", "inertia", shaft), "a moment of inertia such as kg.m2 is needed")
+        clutch_table = {}
+        for gear, engaged in table["clutch_table"].items():
+            if gear not in {str(g) for g in GEARS}:
+                raise self.fail(("gearbox", "clutch_table", gear), "gears are -1, 0 and 1 to 10")
+            clutch_table[int(gear)] = tuple(engaged)
+        if missing := [g for g in GEARS if g not in clutch_table]:
+            raise self.fail(("gearbox", "clutch_table"), f"gear {missing[0]} is missing")
+        try:
+            return Gearbox(
+                shafts=tuple(inertias), input_shaft=table["input_shaft"], output_shaft=table["output_shaft"],
+                sets={n: build(PlanetarySet, "sets", n, given) for n, given in table["sets"].items()},
+                shift_elements={n: build(ShiftElement, "shift_elements", n, given)
+                                for n, given in table["shift_elements"].items()},
+                clutch_table=clutch_table, inertias=tuple(e.value for e in inertias.values()))
+        except InputError as error:
+            raise InputError(f"{self.place('gearbox')}: {error}") from None
+
+    def gear_tables(self, gearbox: Gearbox) -> Iterator[tuple[str, _Entry]]:
+        """``transmission.ratio`` and ``transmission.inertia`` of all gears, computed from the gearbox."""
+        source = "computed from [gearbox]: " + self.data["gearbox"]["source"]
+        for index, gear in enumerate(GEARS, start=1):
+            place = self.place("gearbox", "clutch_table", str(gear))
+            try:
+                ratio = 1.0 if gear == NEUTRAL else gearbox.ratio(gear)
+                inertia = gearbox.inertia_at_input(gear)
+            except InputError as error:
+                raise InputError(f"{place}: {error}") from None
+            yield f"transmission.ratio[{index}]", _Entry(ratio, "1", source, place)
+            yield f"transmission.inertia[{index}]", _Entry(inertia, "kg.m2", source, place)
+
+
+def _lines(text: str) -> Iterator[tuple[tuple[str, ...], int]]:
+    """Where each table header and each entry of a TOML text starts."""
+    table: tuple[str, ...] = ()
+    key = r'(?:"([^"]*)"|([\w-]+))'
+    for number, line in enumerate(text.splitlines(), start=1):
+        if header := re.match(r"\s*\[\s*([^\[\]]+?)\s*\]", line):
+            table = tuple(quoted or bare for quoted, bare in re.findall(key, header[1]))
+            yield table, number
+        elif entry := re.match(rf"\s*{key}\s*=", line):
+            yield (*table, entry[1] or entry[2]), number
+
+
+def _unknown(name: str, known: Iterable[str]) -> str:
+    """"There is no x; did you mean y?"""
+    plain = sorted({_NUMBERED.sub(r"\1", n) for n in known})
+    bare = _NUMBERED.sub(r"\1", name)
+    if bare in plain:
+        count = sum(_NUMBERED.sub(r"\1", n) == bare for n in known)
+        return f"{name} is not known: {bare} has {count if count > 1 else 'one value, no'} entries"
+    section = [n for n in plain if n.partition(".")[0] == name.partition(".")[0]]
+    close = difflib.get_close_matches(bare, plain, n=3) or section or sorted({n.partition(".")[0] for n in plain})
+    return f"{name} is not known; there are {', '.join(close)}"
+
+
+@cache
+def _registry() -> Any:
+    import pint  # only whoever reads a vehicle file needs it; an FMU does not
+
+    return pint.UnitRegistry(cache_folder=None)
+
+
+@cache
+def _unit(text: str) -> Any:
+    """One ``text`` as a pint quantity in SI base units; levels in dB stay numbers in dB."""
+    quantity = _registry().Quantity
+    if text == "dB":
+        return quantity(1.0, "dimensionless")
+    # FMI spelling to pint's: a dot multiplies, a digit after a letter is a power, g0 and the like are not used
+    spelled = re.sub(r"(?<=[A-Za-z])(-?\d)", r"**\1", text.replace("^", "**").replace("%", "percent"))
+    spelled = re.sub(r"(?<=[A-Za-z\d])\.(?=[A-Za-z(])", "*", spelled)
+    try:
+        return quantity(1.0, spelled).to_base_units()
+    except Exception as error:  # pint raises half a dozen unrelated types for a unit it cannot read
+        raise ValueError(f"unit {text!r} is not understood (N.m/rad, kg.m2, rpm, deg, mm, %, 1): {error}") from None
+
+
+def _factor(unit: str) -> float:
+    """SI units in one ``unit``."""
+    return float(_unit(unit).magnitude)
+
+
+def _same_dimension(unit: str, other: str) -> bool:
+    """Whether one can stand for the other; turns are not periods, and a level in dB is only that."""
+    if "dB" in (unit, other):
+        return unit == other
+    # radians have no dimension, so 60 rpm would pass for 6.28 Hz
+    frequencies = {unit, other} & {"Hz", "kHz"}
+    return _unit(unit).dimensionality == _unit(other).dimensionality and (
+        not frequencies or not any(re.search("rpm|rad|deg", u) for u in (unit, other)))
