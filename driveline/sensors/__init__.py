@@ -1,0 +1,1 @@
+"""What lies between a physical quantity and the number a control unit reads."""
