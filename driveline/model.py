@@ -67,6 +67,7 @@ class Model:
         """
         self._check("parameter")
         self._check("input")
+        self._prepare()
         self._initialize(float(start_time))
 
     def step(self, time: float, dt: float) -> None:
@@ -81,7 +82,12 @@ class Model:
         self._check("input")
         self._step(float(time), float(dt))
 
+    def _prepare(self) -> None:
+        """Assemble what the parameters determine; give ``state`` its size."""
+        raise NotImplementedError
+
     def _initialize(self, start_time: float) -> None:
+        """Fill ``state`` and the outputs for the start time."""
         raise NotImplementedError
 
     def _step(self, time: float, dt: float) -> None:
@@ -104,16 +110,18 @@ class Model:
         if count != self.values.size or (len(saved) - 8) % 8:
             raise InputError(f"these bytes are not a saved state of {self.name}")
         numbers = np.frombuffer(saved, dtype="<f8", offset=8)
+        parameters = self._positions["parameter"]
+        same = np.array_equal(self.values[parameters], numbers[parameters])
         self.values[:] = numbers[:count]
-        if numbers.size > count:
-            if self.state.size != numbers.size - count:
-                self.initialize()  # a fresh instance: assemble from the restored parameters first
-                self.values[:] = numbers[:count]
-            if self.state.size != numbers.size - count:
-                raise InputError(f"these bytes are not a saved state of {self.name}")
-            self.state[:] = numbers[count:]
-        else:
-            self.state = np.zeros(0)
+        if numbers.size == count:
+            self.state = np.zeros(0)  # saved before it was initialised
+            return
+        if not same or self.state.size == 0:
+            self._check("parameter")
+            self._prepare()
+        if self.state.size != numbers.size - count:
+            raise InputError(f"these bytes are not a saved state of {self.name}")
+        self.state[:] = numbers[count:]
 
     def __getitem__(self, name: str) -> float:
         return float(self.values[self.index[name]])

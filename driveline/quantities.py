@@ -7,7 +7,8 @@ tables, the messages about bad input, the units of a result file) reads it from 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+import typing
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -100,23 +101,30 @@ def parameter_variables(owner: Any, prefix: str = "") -> Iterator[Variable]:
             yield Variable(entry_name, start=float(entry), **field.metadata)
 
 
-def with_values(owner: Any, values: dict[str, float], prefix: str = "") -> Any:
-    """A copy of a dataclass instance with the scalars of ``values`` (by structured name) put in.
+def from_values(kind: type, values: Mapping[str, float], prefix: str = "") -> Any:
+    """An instance of a dataclass of quantities, its scalars taken from ``values`` by structured name.
 
-    Integers and booleans come back as such. Names that do not belong to ``owner`` are ignored;
-    who builds ``values`` checks them against ``parameter_variables``.
+    Integers and booleans come back as such, tables as tuples. A field with a default may be missing.
+
+    Raises:
+        InputError: A value is missing; the message names it.
     """
-    changed: dict[str, Any] = {}
-    for field in dataclasses.fields(owner):
-        value = getattr(owner, field.name)
+    types = typing.get_type_hints(kind)
+    arguments: dict[str, Any] = {}
+    for field in dataclasses.fields(kind):
         name = prefix + field.name
-        if dataclasses.is_dataclass(value):
-            changed[field.name] = with_values(value, values, name + ".")
-        elif isinstance(value, tuple):
-            changed[field.name] = tuple(
-                float(values.get(f"{name}[{i}]", entry)) for i, entry in enumerate(value, start=1)
-            )
-        else:
+        if dataclasses.is_dataclass(types[field.name]):
+            arguments[field.name] = from_values(types[field.name], values, name + ".")
+        elif typing.get_origin(types[field.name]) is tuple:
+            entries = []
+            while f"{name}[{len(entries) + 1}]" in values:
+                entries.append(float(values[f"{name}[{len(entries) + 1}]"]))
+            if not entries:
+                raise InputError(f"{name}[1] is missing: a table of {field.metadata['meaning']}")
+            arguments[field.name] = tuple(entries)
+        elif name in values:
             convert = {"real": float, "integer": int, "boolean": bool}[field.metadata["kind"]]
-            changed[field.name] = convert(values.get(name, value))
-    return dataclasses.replace(owner, **changed)
+            arguments[field.name] = convert(values[name])
+        elif field.default is dataclasses.MISSING:
+            raise InputError(f"{name} [{field.metadata['unit']}] is missing: {field.metadata['meaning']}")
+    return kind(**arguments)

@@ -37,7 +37,7 @@ class PlanetarySet:
 
     @property
     def coefficients(self) -> tuple[tuple[str, float], ...]:
-        """Shaft and factor of each term of z_s w_s + z_r w_r - (z_s + z_r) w_c = 0 (Willis), w_c's made -1."""
+        """Shaft and factor of each term of (z_s w_s + z_r w_r) / (z_s + z_r) - w_c = 0 (Willis)."""
         total = self.sun_teeth + self.ring_teeth
         return (self.sun, self.sun_teeth / total), (self.ring, self.ring_teeth / total), (self.carrier, -1.0)
 

@@ -1,0 +1,1 @@
+"""One physical effect a file: its parameters and its law. Plants are assemblies of these."""

@@ -1,0 +1,8 @@
+"""Every model there is: what an FMU is built from, and what the master runs in process."""
+
+from __future__ import annotations
+
+from .model import Model
+from .plants.full_order import FullOrderPlant
+
+MODELS: dict[str, type[Model]] = {model.name: model for model in (FullOrderPlant,)}

@@ -1,0 +1,1 @@
+"""Plants: assemblies of the same elements, run by the same step function."""

@@ -1,0 +1,275 @@
+"""What every plant has in common: parameters to arrays, equilibrium at the start, stepping."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ..kernels import native
+from ..kernels import network as k
+from ..model import Model
+from ..quantities import InputError, Variable, from_values, parameter_variables
+from ..sensors.can_signal import can_signal_state
+from ..sensors.torque_meter import steady_state
+from .assembly import GROUND, Network
+
+STATUS = {
+    k.NOT_FINITE: "a state is no longer finite; look for a parameter far from its usual size, or "
+                  "reduce solver.maximum_substep",
+    k.TOO_MANY_EVENTS: "contacts open and close without end; look for a lash or clutch with almost "
+                       "no inertia beside it",
+}
+
+
+class Plant(Model):
+    """A network of elements behind the model boundary.
+
+    Subclasses give ``Parameters`` (a dataclass of quantities), ``inputs`` and ``output_variables``,
+    and implement ``assemble`` and ``start_speeds``.
+
+    Args:
+        defaults: Start values of parameters by structured name; all of ``Parameters`` that have no
+            default of their own.
+        backend: ``auto``, ``native`` or ``python``; see ``kernels.native``.
+    """
+
+    Parameters: ClassVar[type]
+    inputs: ClassVar[tuple[Variable, ...]] = ()
+    output_variables: ClassVar[tuple[Variable, ...]] = ()
+
+    def __init__(self, defaults: Mapping[str, float], backend: str = "auto") -> None:
+        parameters = from_values(self.Parameters, defaults)
+        self.variables = (*self.inputs, *self.output_variables, *parameter_variables(parameters))
+        super().__init__()
+        for name in defaults:
+            if name in self.index:
+                self.values[self.index[name]] = defaults[name]
+        n_in, n_out = len(self.inputs), len(self.output_variables)
+        self._inputs = self.values[:n_in]
+        self._outputs = self.values[n_in:n_in + n_out]
+        self._kernel = native.load("network_run", backend)
+        self._rates_kernel = native.load("network_rates", backend)
+        self.log.append(native.describe())
+        self.network: Network | None = None
+
+    @property
+    def parameters(self) -> Any:
+        """The parameters as they stand, as an instance of ``Parameters``."""
+        names = [v.name for v in self.variables if v.causality == "parameter"]
+        return from_values(self.Parameters, {name: self.values[self.index[name]] for name in names})
+
+    def assemble(self, parameters: Any) -> Network:
+        """The network for these parameters."""
+        raise NotImplementedError
+
+    def start_speeds(self, parameters: Any, network: Network) -> tuple[np.ndarray, bool]:
+        """Speeds of all nodes at the start, and whether to look for the equilibrium there."""
+        raise NotImplementedError
+
+    def _prepare(self) -> None:
+        self.network = self.assemble(self.parameters)
+        self.state = self.network.state
+        net = self.network
+        self._run = self._kernel.bind(
+            self.state, net.plan, net.constants, net.work, self._inputs, self._outputs)
+
+    def retune(self) -> None:
+        """Take over tunable parameters changed during a run; the state stays."""
+        if self.network is None:
+            return
+        self._check("parameter")
+        state = self.state.copy()
+        self._prepare()
+        self.state[:] = state
+
+    def _initialize(self, start_time: float) -> None:
+        net = self.network
+        parameters = self.parameters
+        speeds, steady = self.start_speeds(parameters, net)
+        n_nodes = len(net.nodes)
+        self.state[:n_nodes] = speeds
+        self._set_gear()
+        self._set_levels()
+        self._set_modes()
+        if steady:
+            self._find_equilibrium(speeds)
+        self._settle_sensors(start_time)
+        self._call(start_time, 0.0, 0)
+
+    def _step(self, time: float, dt: float) -> None:
+        self._check_gear()
+        self._call(time, dt, 1)
+
+    def _call(self, time: float, dt: float, steps: int) -> None:
+        status = self._run(time, dt, steps)
+        if status != k.OK:
+            raise ArithmeticError(f"{self.name} at {time:g} s: {STATUS[status]}")
+
+    def simulate(self, inputs: np.ndarray, dt: float, start_time: float = 0.0) -> np.ndarray:
+        """Many steps in one call, for studies and fits.
+
+        Args:
+            inputs: steps x number of inputs, in the order of ``inputs``; each row held over ``dt``.
+            dt: Communication step [s].
+            start_time: Time of the first step's beginning [s].
+
+        Returns:
+            steps x number of outputs, at the end of each step.
+        """
+        net = self.network
+        inputs = np.ascontiguousarray(inputs, dtype=np.float64)
+        outputs = np.empty((inputs.shape[0], len(self.output_variables)))
+        run = self._kernel.bind(
+            self.state, net.plan, net.constants, net.work, inputs.reshape(-1), outputs.reshape(-1))
+        status = run(float(start_time), float(dt), inputs.shape[0])
+        if status != k.OK:
+            raise ArithmeticError(f"{self.name}: {STATUS[status]}")
+        self._inputs[:] = inputs[-1]
+        self._outputs[:] = outputs[-1]
+        return outputs
+
+    # -- gears ----------------------------------------------------------------------------------
+
+    def _gear_exists(self, gear: int) -> bool:
+        return True
+
+    def _check_gear(self) -> None:
+        net = self.network
+        if not net.plan[k.GEARS]:
+            return
+        gear = int(self._inputs[net.plan[k.GEAR_INPUT]])
+        if gear != int(self.state[net.plan[k.STATE_CLOCK] + k.GEAR]) and not self._gear_exists(gear):
+            raise InputError(f"gear is {gear}: the ratio table has no such gear")
+
+    def _set_gear(self) -> None:
+        net = self.network
+        if net.plan[k.GEARS]:
+            gear = int(self._inputs[net.plan[k.GEAR_INPUT]])
+            if not self._gear_exists(gear):
+                raise InputError(f"gear is {gear}: the ratio table has no such gear")
+            self.state[net.plan[k.STATE_CLOCK] + k.GEAR] = gear
+
+    # -- the state at the start -----------------------------------------------------------------
+
+    def _set_levels(self) -> None:
+        """Every lag starts where its signal is."""
+        net = self.network
+        for row, place in enumerate(net.levels.values()):
+            signal = net.plan[net.plan[k.LAG_TABLE] + 3 * row + 1] - k.SIGNALS_HEAD
+            if signal >= 0:
+                self.state[place] = self._inputs[signal]
+            else:  # the shift element: engaged unless in neutral
+                self.state[place] = float(self.state[net.plan[k.STATE_CLOCK] + k.GEAR] != 0.0)
+
+    def _branch_rows(self) -> np.ndarray:
+        net = self.network
+        start = net.plan[k.BRANCH_TABLE]
+        return net.plan[start:start + len(net.branches) * k.BRANCH_COLUMNS].reshape(-1, k.BRANCH_COLUMNS)
+
+    def branch_rates(self) -> np.ndarray:
+        """Rate of every branch at the present state [rad/s or m/s]."""
+        net = self.network
+        constants = net.constants.copy()
+        if net.plan[k.GEARS]:
+            gear = int(self.state[net.plan[k.STATE_CLOCK] + k.GEAR])
+            k.apply_gear(net.plan, constants, net.constants, gear)
+        rates = np.zeros(len(net.branches))
+        for b, row in enumerate(self._branch_rows()):
+            p = row[k.PARAMETER]
+            rates[b] = constants[p] * self.state[row[k.NODE_A]]
+            if row[k.NODE_B] != GROUND:
+                rates[b] -= constants[p + 1] * self.state[row[k.NODE_B]]
+        return rates
+
+    def _set_modes(self) -> None:
+        """Friction sticks where nothing slips; lashes begin on the driving flank."""
+        net = self.network
+        modes = self.state[net.modes]
+        scale = 1e-9 * max(1.0, np.abs(self.state[:len(net.nodes)]).max())
+        for b, (row, rate) in enumerate(zip(self._branch_rows(), self.branch_rates(), strict=True)):
+            if row[k.LAW] == k.FRICTION:
+                modes[b] = 0.0 if abs(rate) <= scale else np.sign(rate)
+            elif row[k.LAW] == k.LASH:
+                modes[b] = 1.0
+        self._set_flanks()
+
+    def _set_flanks(self) -> None:
+        """Make the total twist of every lash agree with its contact mode and its shaft's twist."""
+        net = self.network
+        for b, row in enumerate(self._branch_rows()):
+            if row[k.LAW] == k.LASH:
+                half_gap = net.constants[row[k.PARAMETER] + 4]
+                at = row[k.TWIST]
+                self.state[at] = self.state[at + 1] + self.state[net.modes][b] * half_gap
+
+    def rates(self, state: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Rates of the continuous states, and the branch torques [N.m], at a state (default: now)."""
+        net = self.network
+        n = int(net.plan[k.CONTINUOUS])
+        result = np.zeros(2 * n)
+        state = self.state if state is None else np.ascontiguousarray(state)
+        self._rates_kernel.bind(state, net.plan, net.constants, net.work, self._inputs, result)()
+        return result[:n], result[n:n + len(net.branches)]
+
+    def _find_equilibrium(self, speeds: np.ndarray) -> None:
+        """Twists, torques and tyre slip of steady rolling: every node accelerates with the vehicle.
+
+        Newton's method on the rates. The vehicle keeps its speed; all other speeds may leave the
+        rolling ones by the tyres' slip. Lashes lie on the flank their torque asks for.
+        """
+        net = self.network
+        n_nodes = len(net.nodes)
+        rows = self._branch_rows()
+        first = [int(r[k.TWIST]) for r in rows]
+        lashes = [b for b, r in enumerate(rows) if r[k.LAW] == k.LASH]
+        twisted = [first[b] + (r[k.LAW] == k.LASH) for b, r in enumerate(rows)
+                   if r[k.LAW] in (k.SHAFT, k.LASH, k.CONTACT)]
+        engine = [first[b] for b, r in enumerate(rows) if r[k.LAW] == k.ENGINE]
+        body = net.nodes[self.body]
+        unknown = [i for i in range(n_nodes) if i != body] + twisted + engine
+        shape = speeds / speeds[body]
+
+        def residual(x: np.ndarray) -> np.ndarray:
+            self.state[unknown] = x[:-1]
+            for b in lashes:  # the rate of the shaft's own twist
+                self.state[first[b]] = self.state[first[b] + 1]
+            rates, _ = self.rates()
+            return np.concatenate([rates[:n_nodes] - shape * x[-1], rates[twisted], rates[engine]])
+
+        for _ in range(3):
+            x = np.append(self.state[unknown], 0.0)
+            for _ in range(12):
+                r = residual(x)
+                steps = 1e-6 * (1.0 + np.abs(x))
+                jacobian = np.column_stack(
+                    [(residual(x + np.eye(1, x.size, j)[0] * h) - r) / h for j, h in enumerate(steps)])
+                delta = np.linalg.lstsq(jacobian, -r, rcond=None)[0]
+                x = x + delta
+                if np.abs(delta).max() < 1e-12 * (1.0 + np.abs(x).max()):
+                    break
+            residual(x)
+            _, torques = self.rates()
+            wrong = [b for b in lashes if torques[b] * self.state[net.modes][b] < 0.0]
+            for b in wrong:
+                self.state[net.modes][b] *= -1.0
+            if not wrong:
+                break
+        self._set_flanks()
+
+    def _settle_sensors(self, start_time: float) -> None:
+        """Sensors start as if the plant had been in its first state for long."""
+        net = self.network
+        self._call(start_time, 0.0, 0)
+        tick = net.constants[k.TICK]
+        for channel in net.channels:
+            value = self._outputs[net.outputs.index(channel.source)]
+            held = can_signal_state(channel.parameters, channel.table, int(start_time / tick + 1e-9), value)
+            self.state[channel.place:channel.place + held.size] = held
+        if net.sections.size:
+            raw = (net.constants[k.METER_GAIN] * self._outputs[net.plan[k.FILTERED_OUTPUT]]
+                   + net.constants[k.METER_OFFSET])
+            at = int(net.plan[k.STATE_SECTIONS])
+            self.state[at:at + 2 * len(net.sections)] = steady_state(net.sections, raw)
+            self.state[net.plan[k.STATE_CLOCK] + k.METER_HELD] = raw
