@@ -98,7 +98,8 @@ def load(name_or_path: str | Path, variant: str | None = None) -> Vehicle:
     variant = BASELINE if variant is None else variant
     if variant != BASELINE:
         if variant not in file.variants:
-            raise InputError(f"{file.path}: no variant {variant!r}; there are {', '.join([BASELINE, *file.variants])}")
+            known = ", ".join([BASELINE, *file.variants])
+            raise InputError(f"{file.path}: no variant {variant!r}; there are {known}")
         file.change(entries, variant)
     return Vehicle(
         file.path.stem, variant,
@@ -136,6 +137,8 @@ class _File:
             raise InputError(f"{self.path}: this is not TOML: {error}") from None
         self.lines = dict(_lines(text))
         self.variants = self.data.pop("variant", {})
+        if not isinstance(self.variants, dict) or set(map(type, self.variants.values())) - {dict}:
+            raise InputError(f"{self.place('variant')}: variants are tables such as [variant.modified]")
 
     def place(self, *keys: str) -> str:
         """File and line of a table or entry, or of the innermost table around it that has a line."""
@@ -163,7 +166,7 @@ class _File:
             gearbox = self.gearbox()
             for name in ("ratio", "inertia"):
                 if f"transmission.{name}[1]" in entries:
-                    raise self.fail(("transmission", name), "[gearbox] gives it already; leave one of them out")
+                    raise self.fail(("transmission", name), "[gearbox] gives it already; leave one out")
             entries |= self.gear_tables(gearbox)
         return entries, gearbox
 
@@ -205,6 +208,8 @@ class _File:
         """A number of the file in SI."""
         if not isinstance(number, (int, float)) or number - number != 0.0:
             raise self.fail(keys, f"{number!r} is not a finite number")
+        if isinstance(number, bool) and unit != "1":
+            raise self.fail(keys, f"{number!r} is a switch, which has unit \"1\", not {unit!r}")
         return float(number) * _factor(unit)
 
     def change(self, entries: dict[str, _Entry], variant: str) -> None:
@@ -224,7 +229,8 @@ class _File:
             for target in targets:
                 old = entries[target]
                 if operation != "times" and not _same_dimension(unit, old.unit):
-                    raise self.fail(keys, f"{unit!r} is not a unit of its dimension, which was given in {old.unit!r}")
+                    raise self.fail(keys, f"{unit!r} is not a unit of its dimension; "
+                                          f"it was given in {old.unit!r}")
                 value = {"add": old.value + number, "times": old.value * number, "set": number}[operation]
                 entries[target] = _Entry(value, old.unit, f"{operation} {given[operation]}: {source}; "
                                                           f"before: {old.source}", self.place(*keys))
@@ -232,26 +238,32 @@ class _File:
     def gearbox(self) -> Gearbox:
         """The planetary gearbox of the file."""
         table = self.data["gearbox"]
-        needed = {"source", "input_shaft", "output_shaft", "inertia", "sets", "shift_elements", "clutch_table"}
-        for name in sorted(needed ^ set(table)):
-            raise self.fail(("gearbox", name), "is missing" if name in needed else f"unknown; {sorted(needed)}")
+        needed = {"source": str, "input_shaft": str, "output_shaft": str, "sets": dict,
+                  "shift_elements": dict, "clutch_table": dict, "inertia": dict}
+        for name in sorted(set(needed) | set(table)):
+            if name not in needed or not isinstance(table.get(name), needed[name]):
+                problem = "is not known" if name not in needed else "is missing or of the wrong kind"
+                raise self.fail(("gearbox", name), f"{problem}; [gearbox] has {', '.join(needed)}")
         self.source(("gearbox", "source"), table)
 
         def build(kind: type, group: str, name: str, given: Any) -> Any:
-            wanted = [f.name for f in dataclasses.fields(kind)]
-            if not isinstance(given, dict) or set(given) - {"source"} != set(wanted):
-                raise self.fail(("gearbox", group, name), f"needs exactly {', '.join(wanted)}, and source if it differs")
-            return kind(**{key: given[key] for key in wanted})
+            wanted = {f.name: {"str": str, "int": int}[f.type] for f in dataclasses.fields(kind)}
+            if not isinstance(given, dict) or {key: type(v) for key, v in given.items()} != wanted:
+                described = ", ".join(f"{key} ({t.__name__})" for key, t in wanted.items())
+                raise self.fail(("gearbox", group, name), f"needs exactly {described}")
+            return kind(**given)
 
-        inertias = {}
+        inertias: dict[str, _Entry] = {}
         for shaft, given in table["inertia"].items():
-            inertias |= {shaft: self.entry(("gearbox", "inertia", shaft), given)[f"gearbox.inertia.{shaft}"]}
+            (inertias[shaft],) = self.entry(("gearbox", "inertia", shaft), given).values()
             if not _same_dimension(inertias[shaft].unit, "kg.m2"):
                 raise self.fail(("gearbox", "inertia", shaft), "a moment of inertia such as kg.m2 is needed")
         clutch_table = {}
         for gear, engaged in table["clutch_table"].items():
             if gear not in {str(g) for g in GEARS}:
                 raise self.fail(("gearbox", "clutch_table", gear), "gears are -1, 0 and 1 to 10")
+            if not isinstance(engaged, list) or not all(isinstance(name, str) for name in engaged):
+                raise self.fail(("gearbox", "clutch_table", gear), 'needs a list such as ["A", "B", "D"]')
             clutch_table[int(gear)] = tuple(engaged)
         if missing := [g for g in GEARS if g not in clutch_table]:
             raise self.fail(("gearbox", "clutch_table"), f"gear {missing[0]} is missing")
@@ -299,7 +311,8 @@ def _unknown(name: str, known: Iterable[str]) -> str:
         count = sum(_NUMBERED.sub(r"\1", n) == bare for n in known)
         return f"{name} is not known: {bare} has {count if count > 1 else 'one value, no'} entries"
     section = [n for n in plain if n.partition(".")[0] == name.partition(".")[0]]
-    close = difflib.get_close_matches(bare, plain, n=3) or section or sorted({n.partition(".")[0] for n in plain})
+    sections = sorted({n.partition(".")[0] for n in plain})
+    close = difflib.get_close_matches(bare, plain, n=3) or section or sections
     return f"{name} is not known; there are {', '.join(close)}"
 
 
@@ -316,13 +329,14 @@ def _unit(text: str) -> Any:
     quantity = _registry().Quantity
     if text == "dB":
         return quantity(1.0, "dimensionless")
-    # FMI spelling to pint's: a dot multiplies, a digit after a letter is a power, g0 and the like are not used
+    # FMI spelling to pint's: a dot multiplies, a digit after a letter is a power
     spelled = re.sub(r"(?<=[A-Za-z])(-?\d)", r"**\1", text.replace("^", "**").replace("%", "percent"))
     spelled = re.sub(r"(?<=[A-Za-z\d])\.(?=[A-Za-z(])", "*", spelled)
     try:
         return quantity(1.0, spelled).to_base_units()
     except Exception as error:  # pint raises half a dozen unrelated types for a unit it cannot read
-        raise ValueError(f"unit {text!r} is not understood (N.m/rad, kg.m2, rpm, deg, mm, %, 1): {error}") from None
+        raise ValueError(f"unit {text!r} is not understood: {error}; "
+                         "spelled right are N.m/rad, kg.m2, rpm, deg, mm, %, 1") from None
 
 
 def _factor(unit: str) -> float:
