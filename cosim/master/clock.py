@@ -1,0 +1,90 @@
+"""Time as whole numbers of nanoseconds: it is counted, never added up.
+
+Every rate is an integer number of nanoseconds and all rates start together, so the base tick is their
+greatest common divisor; the clock visits only those ticks on which something is due.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from driveline.quantities import InputError
+
+PER_SECOND = 1_000_000_000
+_LONGEST = 2**53  # nanoseconds a double still counts exactly: 104 days
+
+
+def nanoseconds(seconds: float, what: str) -> int:
+    """``seconds`` as a whole number of nanoseconds.
+
+    Raises:
+        InputError: Not finite, too large, or between two nanoseconds; the message starts with ``what``.
+    """
+    scaled = seconds * PER_SECOND
+    if not math.isfinite(scaled) or abs(scaled) > _LONGEST:
+        raise InputError(f"{what} is {seconds:g} s: a time of at most {_LONGEST / PER_SECOND:g} s is needed")
+    whole = round(scaled)
+    if abs(scaled - whole) > max(1e-3, 4e-16 * abs(scaled)):
+        raise InputError(f"{what} is {seconds!r} s: a whole number of nanoseconds is needed, the nearest is "
+                         f"{whole / PER_SECOND!r} s")
+    return whole
+
+
+def step_length(seconds: float, what: str) -> int:
+    """As ``nanoseconds``, for a length that must be positive."""
+    length = nanoseconds(seconds, what)
+    if length <= 0:
+        raise InputError(f"{what} is {seconds:g} s: a positive length is needed")
+    return length
+
+
+class Clock:
+    """The instants of one run.
+
+    Attributes:
+        start, stop: First and last instant [ns].
+        periods: The distinct step lengths [ns]; bit ``i`` of an event's mask means that a step of
+            ``periods[i]`` ends (and the next one starts) there.
+    """
+
+    def __init__(self, start: int, stop: int, periods: Sequence[int]) -> None:
+        if stop <= start:
+            raise InputError(f"the run stops at {stop / PER_SECOND:g} s, but starts at "
+                             f"{start / PER_SECOND:g} s: a later stop is needed")
+        self.start, self.stop = start, stop
+        self.periods = tuple(sorted(set(periods)))
+
+    @property
+    def base(self) -> int:
+        """The base tick [ns]: greatest common divisor of all periods."""
+        return math.gcd(*self.periods)
+
+    def bit(self, period: int) -> int:
+        """The bit of ``period`` in an event's mask."""
+        return 1 << self.periods.index(period)
+
+    def count(self, period: int) -> int:
+        """How many instants of ``period`` lie in the run, the first and the last instant included."""
+        whole, rest = divmod(self.stop - self.start, period)
+        return whole + 1 + (rest > 0)
+
+    def blocks(self, events: int = 1000) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """The instants, in blocks of about ``events``: times [ns, int64] and masks [int64].
+
+        The stop is always the last instant, whether or not a period ends there.
+        """
+        length = self.periods[0] * max(1, events // len(self.periods))
+        for first in range(0, self.stop - self.start + 1, length):
+            last = min(first + length, self.stop - self.start + 1)  # exclusive
+            due = [np.arange(-(-first // period) * period, last, period, dtype=np.int64)
+                   for period in self.periods]
+            if last == self.stop - self.start + 1:
+                due.append(np.array([self.stop - self.start], dtype=np.int64))
+            times = np.unique(np.concatenate(due))
+            masks = np.zeros(times.size, dtype=np.int64)
+            for position, period in enumerate(self.periods):
+                masks |= (times % period == 0).astype(np.int64) << position
+            yield times + self.start, masks

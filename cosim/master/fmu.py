@@ -1,0 +1,302 @@
+"""An FMI 2.0 co-simulation FMU as a participant, on FMPy's low-level slave.
+
+Whatever does not change between steps (value references, buffers, function pointers) is made once;
+a step costs one fmi2SetReal, one fmi2DoStep and one fmi2GetReal.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import logging
+import tempfile
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import fmpy
+import numpy as np
+from fmpy.fmi1 import FMICallException
+from fmpy.fmi2 import (
+    FMU2Slave,
+    addLoggerProxy,
+    fmi2CallbackAllocateMemoryTYPE,
+    fmi2CallbackFreeMemoryTYPE,
+    fmi2CallbackFunctions,
+    fmi2CallbackLoggerTYPE,
+    fmi2Fatal,
+    fmi2Warning,
+)
+
+from cosim.master.participants import SimulationError
+from driveline.quantities import InputError, Variable
+
+log = logging.getLogger("cosim")
+
+_KINDS = {"Real": "real", "Integer": "integer", "Enumeration": "integer", "Boolean": "boolean",
+          "String": "string"}
+_LEVELS = (logging.DEBUG, logging.WARNING, logging.WARNING, logging.ERROR, logging.CRITICAL, logging.INFO)
+_STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
+_FOLDER_CHARACTERS_THAT_BREAK = "%"  # PythonFMU decodes them as if they were part of a URL
+
+_extracted: dict[str, tempfile.TemporaryDirectory] = {}  # content -> folder, for the life of the process
+
+
+def extracted(path: Path) -> tuple[Path, str]:
+    """The folder an FMU is extracted to, once per content and process, and its SHA-256.
+
+    Extracting again for every run would cost most of the start-up, and extracting to a folder that
+    goes away would break whatever an FMU imports or loads later.
+    """
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    if digest not in _extracted:
+        folder = tempfile.TemporaryDirectory(prefix="driveline-fmu-", ignore_cleanup_errors=True)
+        fmpy.extract(str(path), folder.name)
+        _extracted[digest] = folder
+    return Path(_extracted[digest].name), digest
+
+
+class FmuParticipant:
+    """One instance of an FMU.
+
+    Args:
+        name: Its name in the run.
+        path: The ``.fmu`` file.
+
+    Raises:
+        InputError: No such file, not an FMI 2.0 co-simulation FMU, or none for this platform.
+    """
+
+    def __init__(self, name: str, path: str | Path) -> None:
+        self.name, self.path = name, Path(path)
+        self._folder, self._digest = self._extract()
+        self.description = self._read_description()
+        self.variable_step = bool(self.description.coSimulation.canHandleVariableCommunicationStepSize)
+        self._references = {v.name: v.valueReference for v in self.description.modelVariables}
+        self.variables, self.dependencies_declared = self._read_variables()
+        self._slave: FMU2Slave | None = None
+        self._fatal = False
+        self._said: list[str] = []  # what it logged with a status worse than ok, for error messages
+
+    @property
+    def model_name(self) -> str:
+        """The model's identifier (``plant_fom``): the key of its twin."""
+        return str(self.description.coSimulation.modelIdentifier)
+
+    def describe(self) -> dict[str, Any]:
+        description = self.description
+        return {"fmu": self.path.name, "guid": description.guid, "sha256": self._digest,
+                "model": description.modelName, "version": description.version,
+                "generation_tool": description.generationTool}
+
+    def _extract(self) -> tuple[Path, str]:
+        if not self.path.is_file():
+            raise InputError(f"{self.name}: there is no FMU {self.path}")
+        try:
+            return extracted(self.path)
+        except (zipfile.BadZipFile, KeyError) as error:
+            raise InputError(f"{self.name}: {self.path} is not an FMU: {error}") from error
+
+    def _read_description(self) -> Any:
+        try:
+            description = fmpy.read_model_description(str(self._folder), validate=False)
+        except Exception as error:  # FMPy raises plain exceptions for whatever it does not understand
+            raise InputError(f"{self.name}: {self.path} is not an FMU: {error}") from error
+        if description.fmiVersion != "2.0" or description.coSimulation is None:
+            kind = "co-simulation" if description.coSimulation is not None else "model exchange only"
+            raise InputError(f"{self.name}: {self.path} is FMI {description.fmiVersion}, {kind}: "
+                             "an FMI 2.0 co-simulation FMU is needed")
+        platforms = fmpy.supported_platforms(str(self._folder))
+        if fmpy.platform not in platforms:
+            built = ', '.join(platforms) or 'nothing'
+            raise InputError(f"{self.name}: {self.path} has binaries for {built}: "
+                             f"{fmpy.platform} is needed")
+        return description
+
+    def _read_variables(self) -> tuple[dict[str, Variable], bool]:
+        description = self.description
+        inputs = tuple(v.name for v in description.modelVariables if v.causality == "input")
+        declared = {unknown.variable.name: unknown.dependencies for unknown in description.outputs}
+        variables = {}
+        for v in description.modelVariables:
+            depends_on: tuple[str, ...] = ()
+            if v.causality == "output":  # FMI: where nothing is declared, on everything
+                known = declared.get(v.name)
+                depends_on = inputs if known is None else tuple(
+                    d.name for d in known if d.causality == "input")
+            unit = v.unit or (v.declaredType.unit if v.declaredType else None) or ""
+            kind = _KINDS[v.type]
+            start = v.start if kind == "string" else _number(v.start)
+            variables[v.name] = Variable(
+                v.name, unit=unit, meaning=v.description or "", causality=v.causality or "local",
+                variability=v.variability or "continuous", kind=kind, start=start,
+                minimum=_number(v.min, None), maximum=_number(v.max, None),
+                nominal=_number(v.nominal, None), depends_on=depends_on)
+        return variables, all(dependencies is not None for dependencies in declared.values())
+
+    def open(self, start: dict[str, float | str], inputs: Sequence[str], outputs: Sequence[str],
+             input_buffer: np.ndarray, output_buffer: np.ndarray) -> None:
+        self._fatal = False
+        self._said.clear()
+        try:
+            self._slave = FMU2Slave(
+                guid=self.description.guid, unzipDirectory=str(self._folder), instanceName=self.name,
+                modelIdentifier=self.description.coSimulation.modelIdentifier)
+            self._slave.instantiate(callbacks=self._callbacks(), loggingOn=True)
+        except Exception as error:  # FMPy raises plain exceptions for whatever fails here
+            hint = ""
+            if any(character in str(self._folder) for character in _FOLDER_CHARACTERS_THAT_BREAK):
+                hint = f" (it was extracted to {self._folder}: set TMPDIR to a folder without '%')"
+            self._slave = None
+            raise SimulationError(
+                f"{self.name}: {self.path.name} cannot be instantiated{hint}: {self._words() or error}"
+            ) from error
+        dll, component = self._slave.dll, self._slave.component
+        self._do_step, self._component = dll.fmi2DoStep, component
+        self._set = [_Transfer(self, dll, "Set", kind, inputs, input_buffer) for kind in _TYPES]
+        self._get = [_Transfer(self, dll, "Get", kind, outputs, output_buffer) for kind in _TYPES]
+        self._set = [transfer for transfer in self._set if transfer.count]
+        self._get = [transfer for transfer in self._get if transfer.count]
+        for name, value in start.items():
+            self._set_start(name, value)
+
+    def _set_start(self, name: str, value: float | str) -> None:
+        slave, reference = self._slave, [self._references[name]]
+        setter, convert = {
+            "real": (slave.setReal, float), "integer": (slave.setInteger, int),
+            "boolean": (slave.setBoolean, bool), "string": (slave.setString, str),
+        }[self.variables[name].kind]
+        try:
+            setter(reference, [convert(value)])
+        except FMICallException as error:
+            self._fatal = error.status == fmi2Fatal
+            raise InputError(
+                f"{self.name}: {name} = {value!r} is refused: {self._words() or error}") from error
+
+    def initialize(self, start_time: float, stop_time: float) -> None:
+        slave = self._slave
+        try:
+            slave.setupExperiment(startTime=start_time, stopTime=stop_time)
+            slave.enterInitializationMode()
+            for transfer in self._set:
+                transfer.push()
+            slave.exitInitializationMode()
+            self.read()
+        except (FMICallException, SimulationError) as error:
+            raise self._refused(error) from error
+
+    def _refused(self, error: Exception) -> InputError:
+        # nothing has run yet, so what it does not like is what it was given
+        self._fatal = self._fatal or getattr(error, "status", None) == fmi2Fatal
+        return InputError(f"{self.name} does not initialize: {self._words() or error}")
+
+    def advance(self, time: float, step: float) -> None:
+        for transfer in self._set:
+            transfer.push()
+        status = self._do_step(self._component, time, step, 1)
+        if status > fmi2Warning:
+            self.fail("fmi2DoStep", status, time)
+
+    def read(self) -> None:
+        for transfer in self._get:
+            transfer.pull()
+
+    def fail(self, function: str, status: int, time: float | None = None) -> None:
+        """Raise SimulationError for a status worse than a warning."""
+        self._fatal = status == fmi2Fatal
+        when = "" if time is None else f" at t = {time:.9g} s"
+        label = _STATUS[status] if 0 <= status < len(_STATUS) else str(status)
+        words = self._words()
+        raise SimulationError(f"{self.name} ({self.path.name}){when}: {function} reports {label}"
+                              + (f": {words}" if words else ""))
+
+    def close(self) -> None:
+        slave, self._slave = self._slave, None
+        if slave is None or self._fatal:  # after fmi2Fatal the standard forbids every further call
+            return
+        try:
+            slave.terminate()
+        except FMICallException as error:
+            log.warning("%s: %s", self.name, error)
+        if not self._fatal:
+            slave.freeInstance()
+
+    def _callbacks(self) -> fmi2CallbackFunctions:
+        def logger(_environment: int, _instance: bytes, status: int, category: bytes, message: bytes) -> None:
+            text = (message or b"").decode("utf-8", "replace").strip()
+            if status > 0:
+                self._said.append(text)
+            log.log(_LEVELS[status] if 0 <= status < len(_LEVELS) else logging.ERROR,
+                    "%s: %s", self.name, text)
+
+        callbacks = fmi2CallbackFunctions()
+        callbacks.logger = fmi2CallbackLoggerTYPE(logger)
+        callbacks.allocateMemory = fmi2CallbackAllocateMemoryTYPE(fmpy.calloc)
+        callbacks.freeMemory = fmi2CallbackFreeMemoryTYPE(fmpy.free)
+        addLoggerProxy(ctypes.byref(callbacks))  # formats the message before it reaches Python
+        return callbacks
+
+    def _words(self) -> str:
+        """What the FMU last said about its trouble, on one line."""
+        return " ".join(self._said[-1].split()) if self._said else ""
+
+
+_TYPES = {"real": (ctypes.c_double, "Real"), "integer": (ctypes.c_int, "Integer"),
+          "boolean": (ctypes.c_int, "Boolean")}
+
+
+class _Transfer:
+    """All variables of one kind that cross the boundary in one direction, moved by one call.
+
+    Reals go straight from and to the master's buffer where they lie side by side in it; integers and
+    booleans pass through a buffer of their own and are sent only when they changed.
+    """
+
+    def __init__(self, owner: FmuParticipant, dll: ctypes.CDLL, direction: str, kind: str,
+                 names: Sequence[str], buffer: np.ndarray) -> None:
+        positions = [i for i, name in enumerate(names) if owner.variables[name].kind == kind]
+        self.count = len(positions)
+        if not self.count:
+            return
+        self._owner = owner
+        self._name = f"fmi2{direction}{_TYPES[kind][1]}"
+        self._function = getattr(dll, self._name)
+        self._component = owner._slave.component
+        self._references = (ctypes.c_uint * self.count)(*(owner._references[names[i]] for i in positions))
+        self._shared = buffer[positions[0]:positions[-1] + 1]
+        direct = kind == "real" and self.count == self._shared.size
+        if direct:
+            self._values, self._local = (ctypes.c_double * self.count).from_buffer(self._shared), None
+        else:
+            self._values = (_TYPES[kind][0] * self.count)()
+            self._local = np.ctypeslib.as_array(self._values)
+            self._shared = buffer
+        self._positions = np.array(positions, dtype=np.intp)
+        self._sent = b""
+
+    def push(self) -> None:
+        """Buffer to FMU."""
+        if self._local is not None:
+            self._local[:] = self._shared[self._positions]
+            if (now := self._local.tobytes()) == self._sent:
+                return
+            self._sent = now
+        status = self._function(self._component, self._references, self.count, self._values)
+        if status > fmi2Warning:
+            self._owner.fail(self._name, status)
+
+    def pull(self) -> None:
+        """FMU to buffer."""
+        status = self._function(self._component, self._references, self.count, self._values)
+        if status > fmi2Warning:
+            self._owner.fail(self._name, status)
+        if self._local is not None:
+            self._shared[self._positions] = self._local
+
+
+def _number(text: str | None, missing: float | None = 0.0) -> float | None:
+    """A number as the model description writes it."""
+    if text is None:
+        return missing
+    return float({"true": 1, "false": 0}.get(str(text).lower(), text))

@@ -1,0 +1,422 @@
+"""The co-simulation master: participants, connections, a step length, and a run."""
+
+from __future__ import annotations
+
+import fnmatch
+import logging
+import platform
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cosim import units
+from cosim.master import clock as clocks
+from cosim.master import connections as wires
+from cosim.master.fmu import FmuParticipant
+from cosim.master.parameters import find_fmu, twin_of, vehicle_parameters
+from cosim.master.participants import ModelParticipant, Participant, SimulationError
+from cosim.master.result import Result
+from cosim.master.signals import Constant, Signal
+from cosim.master.stepping import Loop, Seat, _NotFinite
+from cosim.messages import did_you_mean
+from driveline.model import Model
+from driveline.quantities import InputError
+
+log = logging.getLogger("cosim")
+
+ORDERS = ("jacobi", "gauss-seidel")
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C ended a run.
+
+    Attributes:
+        result: What was recorded until then; ``complete`` is False.
+    """
+
+    def __init__(self, result: Result) -> None:
+        super().__init__(f"interrupted at t = {result.time[-1] if result.time.size else 0.0:g} s")
+        self.result = result
+
+
+@dataclass
+class _Member:
+    participant: Participant
+    step: int
+    parameters: dict[str, float | str]
+
+
+class Master:
+    """Connects participants and steps them together.
+
+    ::
+
+        result = (Master(step=1e-3)
+                  .add("plant", "plant_fom", parameters={"start_speed": "50 km/h"})
+                  .connect(Ramp(before=-20, after=250, time=1, duration=0.1), "plant.engine_torque")
+                  .run(stop=4.0))
+        result["plant.engine_speed"]
+
+    Args:
+        step: Communication step [s] of everybody who is not given another.
+        order: ``jacobi`` or ``gauss-seidel`` (then the order of ``add`` is the order of steps).
+    """
+
+    def __init__(self, step: float = 1e-3, order: str = "jacobi") -> None:
+        if order not in ORDERS:
+            raise InputError(f"order is '{order}'{did_you_mean(order, ORDERS)}")
+        self._step = clocks.step_length(step, "step")
+        self._gauss_seidel = order == "gauss-seidel"
+        self._members: dict[str, _Member] = {}
+        self._signals: dict[str, Signal] = {}
+        self._wires: dict[str, str] = {}  # target -> source: one source for each input
+        self._record: list[str] = []
+        self._record_step: int | None = None
+        self._title: dict[str, Any] = {}
+        self.notices: list[str] = []
+
+    def add(self, name: str, what: str | Path | Model | Participant, *, step: float | None = None,
+            parameters: Mapping[str, float | str] | None = None, vehicle: str | Path | None = None,
+            variant: str | None = None, gear: int = 5, twin: bool = False) -> Master:
+        """Add a participant.
+
+        Args:
+            name: Its name in this run, without a dot.
+            what: Path of an FMU, name of a built one, a Model, or anything with the interface of a
+                participant.
+            step: Its own communication step [s].
+            parameters: Values by name; text such as ``"1.1 deg"`` is converted.
+            vehicle, variant, gear: Vehicle file the parameters are computed from first.
+            twin: Take the model called ``what`` in process instead of its FMU.
+
+        Raises:
+            InputError: Anything of this cannot be.
+        """
+        if not name or "." in name or name in self._members or name in self._signals:
+            raise InputError(f"participant '{name}': a name without a dot that is not taken is needed")
+        if isinstance(what, Model):
+            participant: Participant = ModelParticipant(name, what)
+        elif twin:
+            participant = ModelParticipant(name, twin_of(str(what)))
+        elif isinstance(what, str | Path):
+            participant = FmuParticipant(name, find_fmu(what))
+        else:
+            participant = what
+        values: dict[str, float | str] = {}
+        if vehicle is not None:
+            model = getattr(participant, "model_name", None) or str(getattr(what, "name", what))
+            values.update(vehicle_parameters(model, vehicle, variant, gear))
+        period = self._step if step is None else clocks.step_length(step, f"step of {name}")
+        self._members[name] = _Member(participant, period, values)
+        for parameter, value in (parameters or {}).items():
+            self.set(f"{name}.{parameter}", value)
+        return self
+
+    def set(self, name: str, value: float | str) -> Master:
+        """Set a parameter ``participant.parameter``; text is converted to its unit."""
+        participant, variable = wires.find(name, self._participants)
+        if variable.causality != "parameter":
+            parameters = [v.name for v in participant.variables.values() if v.causality == "parameter"]
+            raise InputError(f"'{name}' is of causality {variable.causality}: a parameter is needed"
+                             f"{did_you_mean(variable.name, parameters)}")
+        if variable.kind != "string":
+            value = units.in_unit(value, variable.unit, f"'{name}'")
+            try:
+                variable.check(value)
+            except InputError as error:
+                raise InputError(f"{participant.name}: {error}") from error
+        self._members[participant.name].parameters[variable.name] = value
+        return self
+
+    def signal(self, name: str, signal: Signal) -> Master:
+        """Name a signal, so that it can be connected to several inputs and recorded."""
+        if not name or "." in name or name in self._signals or name in self._members:
+            raise InputError(f"signal '{name}': a name without a dot that is not taken is needed")
+        self._signals[name] = signal
+        return self
+
+    def connect(self, source: str | float | Signal, target: str) -> Master:
+        """Connect an output, a signal or a constant (in the unit of the input) to an input.
+
+        Raises:
+            InputError: The names, causality, type or unit do not fit, or the input has a source.
+        """
+        wires.find_input(target, self._participants)
+        if target in self._wires:
+            raise InputError(f"'{target}' is connected to '{self._wires[target]}' already: "
+                             f"one source for each input, not also '{source}'")
+        if isinstance(source, int | float):
+            source = Constant(value=float(source))
+        if isinstance(source, Signal):
+            name = "=" + target  # cannot be mistaken for a name given by somebody
+            self._signals[name], source = source, name
+        elif source not in self._signals:
+            if "." not in source:
+                raise InputError(f"there is no signal '{source}'"
+                                 f"{did_you_mean(source, [s for s in self._signals if s[0] != '='])}")
+            wires.between(source, target, self._participants)
+        self._wires[target] = source
+        return self
+
+    def record(self, *patterns: str, step: float | None = None) -> Master:
+        """Record these variables and signals (``*`` and ``?`` match), every ``step`` [s].
+
+        Without it all outputs and named signals are recorded at the shortest step.
+        """
+        self._record += patterns
+        if step is not None:
+            self._record_step = clocks.step_length(step, "step of the record")
+        return self
+
+    def describe(self, **entries: Any) -> Master:
+        """Add entries to the provenance of the result."""
+        self._title.update(entries)
+        return self
+
+    def run(self, stop: float, start: float = 0.0,
+            progress: Callable[[float], None] | None = None) -> Result:
+        """Check everything, then step from ``start`` to ``stop`` [s].
+
+        Args:
+            progress: Called now and then with the instant reached [s].
+
+        Raises:
+            InputError: Something is wrong with what was put together; nothing has run.
+            SimulationError: A participant failed; ``error.result`` holds what was recorded until then.
+            Interrupted: Ctrl-C; ``interrupt.result`` likewise.
+        """
+        loop, names, units_ = self._prepare(start, stop)
+
+        def result(complete: bool) -> Result:
+            count = loop.recording.count
+            return Result(loop.recording.times[:count],
+                          {name: loop.recording.rows[:count, i].copy() for i, name in enumerate(names)},
+                          dict(zip(names, units_)), self._provenance(start, stop), complete)
+
+        try:
+            loop.initialize()
+            finished = loop.run(progress)
+        except _NotFinite as error:
+            failure = SimulationError(f"{names[error.column]} is not finite at t = {error.time:.9g} s")
+            failure.result = result(complete=False)
+            raise failure from error
+        except SimulationError as error:
+            error.result = result(complete=False)
+            raise
+        finally:
+            loop.close()
+        if not finished:
+            raise Interrupted(result(complete=False))
+        return result(complete=True)
+
+    @property
+    def _participants(self) -> dict[str, Participant]:
+        return {name: member.participant for name, member in self._members.items()}
+
+    def _prepare(self, start: float, stop: float) -> tuple[Loop, list[str], list[str]]:
+        """Check everything and lay out the bus; the loop, and names and units of what it records."""
+        if not self._members:
+            raise InputError("there is nobody to step: add a participant")
+        self.notices = []
+        record_period = self._record_step or min(member.step for member in self._members.values())
+        clock = clocks.Clock(clocks.nanoseconds(start, "start"), clocks.nanoseconds(stop, "stop"),
+                             [*(member.step for member in self._members.values()), record_period])
+        for name, member in self._members.items():
+            if (clock.stop - clock.start) % member.step and not member.participant.variable_step:
+                raise InputError(f"{name} cannot vary its step of {member.step / clocks.PER_SECOND:g} s, and "
+                                 f"the run of {stop - start:g} s is not a multiple of it")
+        connections = self._resolve()
+        self._check_signal_values(connections, clock)
+        recorded = self._recorded_names()
+        by_target = {connection.target: connection for connection in connections}
+        seats, bus, slots, varying = self._layout(by_target, recorded)
+        loop = Loop(seats, bus, varying, clock, np.array([slots[name] for name in recorded], dtype=np.intp),
+                    record_period, self._gauss_seidel)
+        return loop, recorded, [self._unit(name, by_target) for name in recorded]
+
+    def _layout(self, by_target: dict[str, wires.Connection], recorded: list[str],
+                ) -> tuple[list[Seat], np.ndarray, dict[str, int], list[Signal]]:
+        """Give every value that is exchanged or recorded its slot on the bus.
+
+        Its order: varying signals, then of each participant the outputs and the inputs that are exchanged
+        at every step (reals side by side, so that the FMU reads and writes them in place), then
+        everything that stays as it is.
+        """
+        participants = self._participants
+        varying = {name: s for name, s in self._signals.items() if not isinstance(s, Constant)}
+        sources = {connection.source for connection in by_target.values()}
+        constants = self._constants(by_target)
+        slots = {name: slot for slot, name in enumerate(varying)}
+        spans: dict[str, tuple[list[str], slice]] = {}
+        for name, participant in participants.items():
+            exchanged = {"output": [], "input": []}
+            for variable in participant.variables.values():
+                full = f"{name}.{variable.name}"
+                if full in by_target and full not in constants:
+                    exchanged["input"].append(variable)
+                elif full not in constants and (full in sources or full in recorded):
+                    exchanged["output"].append(variable)
+            for direction, variables in exchanged.items():
+                names = [v.name for v in sorted(variables, key=lambda v: v.kind != "real")]
+                spans[f"{name} {direction}"] = names, slice(len(slots), len(slots) + len(names))
+                slots.update({f"{name}.{entry}": len(slots) + i for i, entry in enumerate(names)})
+        slots.update({name: len(slots) + i for i, name in enumerate(constants)})
+        bus = np.zeros(len(slots))
+        for name, slot in slots.items():
+            if name in constants:
+                bus[slot] = constants[name]
+            elif name not in self._signals:  # what others see of an output until it is initialized
+                bus[slot] = wires.find(name, participants)[1].start
+
+        seats, earlier = [], set()
+        for name, member in self._members.items():
+            outputs, output_slots = spans[f"{name} output"]
+            inputs, input_slots = spans[f"{name} input"]
+            wired = [by_target[f"{name}.{entry}"] for entry in inputs]
+            fixed = {target.partition(".")[2]: constants[target] for target in by_target
+                     if target in constants and target.startswith(name + ".")}
+            seats.append(Seat(
+                member.participant, member.step, {**member.parameters, **fixed}, inputs, outputs,
+                input_slots, output_slots,
+                sources=np.array([slots[c.source] for c in wired], dtype=np.intp),
+                factor=np.array([c.factor for c in wired]), offset=np.array([c.offset for c in wired]),
+                early=np.array([c.source.partition(".")[0] in earlier for c in wired], dtype=bool),
+                feeds=any(source.startswith(name + ".") for source in sources)))
+            earlier.add(name)
+        return seats, bus, slots, list(varying.values())
+
+    def _resolve(self) -> list[wires.Connection]:
+        """All connections with their conversion; says aloud what somebody should know."""
+        participants = self._participants
+        resolved = []
+        for target, source in self._wires.items():
+            if source in self._signals:
+                variable = wires.find_input(target, participants)
+                unit = self._signals[source].unit or variable.unit
+                factor, offset, said = wires.convert(source.lstrip("="), unit, target, variable.unit)
+                connection = wires.Connection(source, target, factor, offset)
+            else:
+                connection, said = wires.between(source, target, participants)
+            for notice in said:
+                self._say(notice)
+            resolved.append(connection)
+        for name, participant in participants.items():
+            for variable in participant.variables.values():
+                if variable.causality == "input" and f"{name}.{variable.name}" not in self._wires:
+                    self._say(f"{name}.{variable.name} is not connected: it stays at its start value, "
+                              f"{variable.start:g} {variable.unit}".rstrip())
+        if loop := wires.algebraic_loop(participants.values(), resolved):
+            known = all(p.dependencies_declared for p in participants.values())
+            self._say(("algebraic loop " if known else "possible algebraic loop (dependencies not declared) ")
+                      + " -> ".join(loop) + ": it is not iterated, one value in it is a step old")
+        return resolved
+
+    def _check_signal_values(self, connections: list[wires.Connection], clock: clocks.Clock) -> None:
+        """Refuse signals that leave the range of the input they drive, before anything runs."""
+        for connection in connections:
+            if connection.source not in self._signals:
+                continue
+            variable = wires.find_input(connection.target, self._participants)
+            for times, _ in clock.blocks(100_000):
+                seconds = times / clocks.PER_SECOND
+                values = self._signals[connection.source].values(seconds)
+                values = values * connection.factor + connection.offset
+                possible = np.isfinite(values)
+                if variable.minimum is not None:
+                    possible &= values >= variable.minimum
+                if variable.maximum is not None:
+                    possible &= values <= variable.maximum
+                if variable.kind != "real":
+                    possible &= values == np.round(values)
+                if not possible.all():
+                    first = int(np.argmin(possible))
+                    try:
+                        variable.check(float(values[first]))
+                    except InputError as error:
+                        raise InputError(
+                            f"signal '{connection.source.lstrip('=')}' at t = {seconds[first]:g} s: "
+                            f"{connection.target.partition('.')[0]}.{error}") from error
+
+    def _constants(self, by_target: dict[str, wires.Connection]) -> dict[str, float]:
+        """What never changes during the run: constant signals, the inputs they drive, unconnected inputs
+        and parameters that are recorded."""
+        constants: dict[str, float] = {}
+        for name, signal in self._signals.items():
+            if isinstance(signal, Constant):
+                constants[name] = signal.value
+        for target, connection in by_target.items():
+            if connection.source in constants:
+                constants[target] = constants[connection.source] * connection.factor + connection.offset
+        for name, participant in self._participants.items():
+            for variable in participant.variables.values():
+                full = f"{name}.{variable.name}"
+                if variable.kind == "string" or full in by_target:
+                    continue
+                if variable.causality in ("input", "parameter"):
+                    value = self._members[name].parameters.get(variable.name, variable.start)
+                    constants[full] = float(value or 0.0)
+        return constants
+
+    def _recorded_names(self) -> list[str]:
+        """What is recorded, in the order asked for, each once."""
+        everything = [name for name in self._signals if not name.startswith("=")] + [
+            f"{name}.{v.name}" for name, p in self._participants.items() for v in p.variables.values()
+            if v.kind != "string"]
+        if not self._record:
+            outputs = _outputs(self._participants)
+            return [name for name in everything if name in outputs or "." not in name]
+        chosen: dict[str, None] = {}
+        for pattern in self._record:
+            if pattern in everything:
+                chosen[pattern] = None  # before matching: the brackets of table entries are no pattern
+                continue
+            matches = fnmatch.filter(everything, pattern.replace("[", "[[]"))
+            if not matches:
+                raise InputError(f"nothing to record is called '{pattern}'"
+                                 f"{did_you_mean(pattern, everything)}")
+            chosen.update(dict.fromkeys(matches))
+        return list(chosen)
+
+    def _unit(self, name: str, by_target: dict[str, wires.Connection]) -> str:
+        if "." in name:
+            return wires.find(name, self._participants)[1].unit
+        if unit := self._signals[name].unit:
+            return unit
+        targets = [c.target for c in by_target.values() if c.source == name]
+        return wires.find(targets[0], self._participants)[1].unit if targets else ""
+
+    def _say(self, notice: str) -> None:
+        self.notices.append(notice)
+        log.info("%s", notice)
+
+    def _provenance(self, start: float, stop: float) -> dict[str, Any]:
+        members = {}
+        for name, member in self._members.items():
+            members[name] = {**member.participant.describe(), "step": member.step / clocks.PER_SECOND,
+                             "parameters": dict(member.parameters)}
+        return {
+            **self._title, "start": start, "stop": stop,
+            "order": ORDERS[self._gauss_seidel], "participants": members,
+            "connections": {target: source.lstrip("=") if source in self._wires.values() else source
+                            for target, source in self._wires.items()},
+            "notices": list(self.notices), "versions": _versions(),
+        }
+
+
+def _outputs(participants: Mapping[str, Participant]) -> set[str]:
+    return {f"{name}.{v.name}" for name, p in participants.items() for v in p.variables.values()
+            if v.causality == "output" and v.kind != "string"}
+
+
+def _versions() -> dict[str, str]:
+    versions = {"python": platform.python_version(), "platform": platform.platform(terse=True)}
+    for package in ("driveline-cosim", "fmpy", "numpy"):
+        try:
+            versions[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            versions[package] = "source"
+    return versions

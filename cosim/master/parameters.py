@@ -1,0 +1,69 @@
+"""The models of the payload by name, and their parameters from a vehicle file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from cosim.messages import did_you_mean
+from driveline.model import Model
+from driveline.quantities import InputError
+
+_VEHICLE, _VARIANT = "pickup_10r80", "modified"  # the start values of a shipped FMU
+
+
+def model_class(name: str) -> type[Model]:
+    """The model called ``name``.
+
+    Raises:
+        InputError: There is none.
+    """
+    from driveline.models import MODELS  # not needed, and not loaded, for somebody else's FMUs
+
+    if name not in MODELS:
+        raise InputError(f"there is no model '{name}'{did_you_mean(name, MODELS)}")
+    return MODELS[name]
+
+
+def vehicle_parameters(model: str, vehicle: str | Path, variant: str | None, gear: int) -> dict[str, float]:
+    """The parameters of ``model`` for a vehicle file in one gear, computed, not typed again.
+
+    Raises:
+        InputError: No such model, vehicle, variant or gear.
+    """
+    from driveline import vehicles
+
+    return model_class(model).defaults_from(vehicles.load(vehicle, variant), gear=gear)
+
+
+def twin_of(name: str) -> Model:
+    """The model called ``name``, with the start values its FMU is built with."""
+    return model_class(name)(vehicle_parameters(name, _VEHICLE, _VARIANT, gear=5))
+
+
+def find_fmu(name: str | Path, beside: Path | None = None) -> Path:
+    """The FMU file meant by a path, or by a name to be found among the built ones.
+
+    Args:
+        name: Path of an ``.fmu`` file, or the name of one in ``build/fmus``.
+        beside: Folder that relative paths may also start from.
+
+    Raises:
+        InputError: There is none; what was built is listed.
+    """
+    starts = [folder for folder in (beside, Path.cwd()) if folder is not None]
+    if Path(name).suffix == ".fmu" or len(Path(name).parts) > 1:
+        found = [start / name for start in starts if (start / name).is_file()]
+        if not found:
+            raise InputError(f"there is no FMU {name}")
+        return found[0]
+    built = {path.stem: path for folder in reversed(build_folders()) for path in sorted(folder.glob("*.fmu"))}
+    if str(name) not in built:
+        hint = did_you_mean(str(name), built) if built else "; nothing is built yet: run `driveline build`"
+        raise InputError(f"there is no FMU '{name}' in build/fmus{hint}")
+    return built[str(name)]
+
+
+def build_folders() -> list[Path]:
+    """Where built FMUs are looked for, the first first."""
+    folders = [Path.cwd() / "build" / "fmus", Path(__file__).parents[2] / "build" / "fmus"]
+    return list(dict.fromkeys(folders))

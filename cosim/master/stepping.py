@@ -1,0 +1,257 @@
+"""The loop: who steps when, with which inputs, and what is written down.
+
+Every step of a participant lies between two of its own communication points. Its inputs are sampled at
+the first and held; its outputs appear at the second and are held until the next. So results depend on
+the rates and the order, never on how the loop is carried out.
+
+* Jacobi: all inputs are sampled at the beginning of a step. The order of participants does not matter.
+* Gauss-Seidel: a participant sees those before it as they are at the *end* of its step already.
+"""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+
+from cosim.master.clock import PER_SECOND, Clock
+from cosim.master.participants import Participant, SimulationError
+from cosim.master.signals import Signal
+
+_FIRST, _LAST = 1 << 62, 1 << 61  # marks of the first and the last event, beside the bits of the rates
+
+
+@dataclass
+class Seat:
+    """A participant in its place: where its values lie on the bus and where its inputs come from.
+
+    Attributes:
+        participant: Who sits here.
+        period: Length of its step [ns].
+        start: Values set before the run: parameters and inputs that never change.
+        inputs, outputs: Names of what is exchanged at every step.
+        input_slots, output_slots: Their places on the bus.
+        sources: For each input the slot it is taken from.
+        factor, offset: Unit conversion for each input.
+        early: For each input whether it comes from a participant earlier in the order.
+        feeds: Whether an output of it is an input of somebody.
+    """
+
+    participant: Participant
+    period: int
+    start: dict[str, float | str]
+    inputs: list[str]
+    outputs: list[str]
+    input_slots: slice
+    output_slots: slice
+    sources: np.ndarray
+    factor: np.ndarray
+    offset: np.ndarray
+    early: np.ndarray
+    feeds: bool
+
+
+@dataclass
+class Recording:
+    """What a run wrote down: ``rows[:count]`` are valid."""
+
+    times: np.ndarray
+    rows: np.ndarray
+    count: int = 0
+
+
+@dataclass
+class _Plan:
+    """What happens at events of one kind."""
+
+    finish: list[tuple]
+    sample: list[Callable[[], None]]
+    record: bool
+
+
+class Loop:
+    """One run.
+
+    Args:
+        seats: The participants in their order.
+        bus: All values that are exchanged or recorded, float64.
+        signals: The signals that vary, in the order of the first slots of the bus.
+        clock: The instants; its periods hold those of the seats and ``record_period``.
+        recorded: Slots to write down.
+        record_period: How often [ns].
+        gauss_seidel: The order; False for Jacobi.
+    """
+
+    def __init__(self, seats: list[Seat], bus: np.ndarray, signals: list[Signal], clock: Clock,
+                 recorded: np.ndarray, record_period: int, gauss_seidel: bool) -> None:
+        self._seats, self._bus, self._signals, self._clock = seats, bus, signals, clock
+        self._recorded, self._gauss_seidel = recorded, gauss_seidel
+        self._record_bit = clock.bit(record_period)
+        times = clock.start + np.arange(clock.count(record_period), dtype=np.int64) * record_period
+        times[-1] = clock.stop
+        self.recording = Recording(times / PER_SECOND, np.zeros((times.size, recorded.size)))
+        self._samplers = [self._sampler(seat) for seat in seats]
+
+    def initialize(self) -> None:
+        """Open everybody, then initialize one after the other along the connections.
+
+        In a loop whoever comes first sees the start values of outputs that do not exist yet.
+        """
+        clock, bus = self._clock, self._bus
+        start, stop = clock.start / PER_SECOND, clock.stop / PER_SECOND
+        bus[:len(self._signals)] = self._signal_values(np.array([start]))[0]
+        for seat in self._seats:
+            seat.participant.open(seat.start, seat.inputs, seat.outputs,
+                                  bus[seat.input_slots], bus[seat.output_slots])
+        for seat, sample in self._in_order_of_initialization():
+            sample()
+            seat.participant.initialize(start, stop)
+
+    def run(self, progress: Callable[[float], None] | None = None) -> bool:
+        """Step to the end; afterwards ``recording`` holds the rows.
+
+        Args:
+            progress: Called now and then with the instant reached [s].
+
+        Returns:
+            False if Ctrl-C ended the run early.
+
+        Raises:
+            SimulationError: A participant failed, or a value is not finite. The rows until then are valid.
+        """
+        clock, bus, recording, recorded = self._clock, self._bus, self.recording, self._recorded
+        varying = bus[:len(self._signals)]
+        rows, plans = recording.rows, {}
+        with _ctrl_c() as interrupted:
+            for times, masks in clock.blocks():
+                masks[times == clock.start] |= _FIRST
+                masks[times == clock.stop] |= _LAST
+                values = self._signal_values(times / PER_SECOND)
+                first = recording.count
+                for now, mask, signal_row in zip(times.tolist(), masks.tolist(), values):
+                    if interrupted:
+                        return False
+                    plan = plans.get(mask)
+                    if plan is None:
+                        plan = plans[mask] = self._plan(mask)
+                    for refresh, advance, back, step, read in plan.finish:
+                        if refresh is not None:
+                            refresh()
+                        advance((now - back) / PER_SECOND, step)
+                        if read is not None:
+                            read()
+                    varying[:] = signal_row
+                    for sample in plan.sample:
+                        sample()
+                    if plan.record:
+                        bus.take(recorded, out=rows[recording.count], mode="clip")
+                        recording.count += 1
+                self._check_finite(first)
+                if progress is not None:
+                    progress(now / PER_SECOND)
+        return True
+
+    def close(self) -> None:
+        """Free all participants, also those of a failed run."""
+        for seat in self._seats:
+            seat.participant.close()
+
+    def _in_order_of_initialization(self) -> list[tuple[Seat, Callable[[], None]]]:
+        """Sources before receivers where that is possible, else in the order given."""
+        owner = {slot: position for position, seat in enumerate(self._seats)
+                 for slot in range(seat.output_slots.start, seat.output_slots.stop)}
+        waiting = {position: {owner[slot] for slot in seat.sources.tolist() if slot in owner} - {position}
+                   for position, seat in enumerate(self._seats)}
+        ordered = []
+        while waiting:
+            ready = next((p for p, sources in waiting.items() if not sources & waiting.keys()), min(waiting))
+            del waiting[ready]
+            ordered.append((self._seats[ready], self._samplers[ready]))
+        return ordered
+
+    def _plan(self, mask: int) -> _Plan:
+        clock, finish = self._clock, []
+        record = bool(mask & self._record_bit or mask & _LAST)
+        due = [bool(mask & clock.bit(seat.period)) for seat in self._seats]
+        for seat, seat_is_due in zip(self._seats, due):
+            if mask & _FIRST or not (seat_is_due or mask & _LAST):
+                continue
+            step = seat.period if seat_is_due else (clock.stop - clock.start) % seat.period
+            refresh = self._refresher(seat) if self._gauss_seidel and seat.early.any() else None
+            read = seat.participant.read if seat.outputs and (seat.feeds or record) else None
+            finish.append((refresh, seat.participant.advance, step, step / PER_SECOND, read))
+        sample = [sampler for sampler, seat, seat_is_due in zip(self._samplers, self._seats, due)
+                  if (seat_is_due or mask & _LAST) and seat.inputs]
+        return _Plan(finish, sample, record)
+
+    def _sampler(self, seat: Seat) -> Callable[[], None]:
+        """Takes all inputs of a seat from their sources."""
+        bus, sources, target = self._bus, seat.sources, self._bus[seat.input_slots]
+        factor, offset = seat.factor, seat.offset
+        if (factor == 1.0).all() and (offset == 0.0).all():
+            def sample() -> None:
+                bus.take(sources, out=target, mode="clip")
+        else:
+            def sample() -> None:
+                bus.take(sources, out=target, mode="clip")
+                np.multiply(target, factor, out=target)
+                np.add(target, offset, out=target)
+        return sample
+
+    def _refresher(self, seat: Seat) -> Callable[[], None]:
+        """Takes those inputs again whose source comes earlier in the order."""
+        bus, target, early = self._bus, self._bus[seat.input_slots], np.flatnonzero(seat.early)
+        sources, factor, offset = seat.sources[early], seat.factor[early], seat.offset[early]
+
+        def refresh() -> None:
+            target[early] = bus[sources] * factor + offset
+        return refresh
+
+    def _signal_values(self, seconds: np.ndarray) -> np.ndarray:
+        values = np.empty((seconds.size, len(self._signals)))
+        for column, source in enumerate(self._signals):
+            values[:, column] = source.values(seconds)
+        return values
+
+    def _check_finite(self, first: int) -> None:
+        recording = self.recording
+        bad = ~np.isfinite(recording.rows[first:recording.count])
+        if bad.any():
+            row, column = (int(i) for i in np.argwhere(bad)[0])
+            recording.count = first + row  # what is before it is good
+            raise _NotFinite(column, float(recording.times[first + row]))
+
+
+class _NotFinite(SimulationError):
+    """A recorded value is NaN or infinite; the master knows the name of the column."""
+
+    def __init__(self, column: int, time: float) -> None:
+        super().__init__(f"recorded column {column} is not finite at t = {time:.9g} s")
+        self.column, self.time = column, time
+
+
+@contextmanager
+def _ctrl_c() -> Iterator[list[int]]:
+    """A list that is no longer empty after Ctrl-C.
+
+    Left alone, Python would raise KeyboardInterrupt wherever it happens to be, and that may be inside
+    an FMU written in Python, which then fails fatally. A second Ctrl-C does just that.
+    """
+    interrupted: list[int] = []
+    if threading.current_thread() is not threading.main_thread():
+        yield interrupted
+        return
+
+    def note(number: int, _frame: object) -> None:
+        interrupted.append(number)
+        signal.signal(signal.SIGINT, previous)
+
+    previous = signal.signal(signal.SIGINT, note)
+    try:
+        yield interrupted
+    finally:
+        signal.signal(signal.SIGINT, previous)

@@ -1,0 +1,98 @@
+"""Units at the door: what FMUs, scenarios and measurements write, and how it converts.
+
+The angle is a dimension of its own here. Otherwise 1 Hz would pass for 1 rad/s and N.m for N.m/rad,
+the two mistakes that rotating machinery invites most.
+"""
+
+from __future__ import annotations
+
+import functools
+import re
+
+import pint
+
+from driveline.quantities import InputError
+
+_QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*$", re.DOTALL)
+
+
+@functools.cache
+def registry() -> pint.UnitRegistry:
+    """The registry of units, with the angle as a dimension and the spellings drivelines use."""
+    units = pint.UnitRegistry(on_redefinition="ignore", autoconvert_offset_to_baseunit=True)
+    units.define("radian = [angle] = rad")
+    # pint has worked out the dimension of these already; say them again on top of the new radian
+    units.define("turn = 2 * pi * radian = _ = revolution = cycle = circle")
+    units.define("degree = pi / 180 * radian = deg = arcdeg = arcdegree = angular_degree")
+    units.define("revolutions_per_minute = revolution / minute = rpm")
+    units.define("revolutions_per_second = revolution / second = rps")
+    units.define("newton_metre = newton * meter = Nm")
+    return units
+
+
+@functools.cache
+def parse(text: str) -> pint.Unit:
+    """The unit written as ``text``: FMI spelling (``kg.m2``, ``rad/s``, ``s-1``, ``1``) or pint's.
+
+    Raises:
+        InputError: Nobody knows this unit.
+    """
+    if text.strip() in ("1", "", "-"):
+        return registry().Unit("")
+    spelled = text.strip().replace("%", "percent").replace("·", "*")
+    spelled = spelled.replace("°C", "degC").replace("°", "deg")
+    spelled = re.sub(r"(?<=[A-Za-z0-9)])\.(?=[A-Za-z(])", "*", spelled)
+    spelled = re.sub(r"([A-Za-z])\^?(-?\d+)", r"\1**\2", spelled)
+    try:
+        return registry().parse_units(spelled)
+    except Exception as error:  # pint raises a dozen kinds, tokenizer errors among them
+        raise InputError(
+            f"unknown unit '{text}'; written like N.m, rad/s, rpm, km/h, m/s2, deg, %") from error
+
+
+@functools.cache
+def conversion(source: str, target: str) -> tuple[float, float]:
+    """Factor and offset with ``value_in_target = factor * value_in_source + offset``.
+
+    Raises:
+        InputError: A unit is unknown, or the two do not measure the same thing.
+    """
+    if source == target:
+        return 1.0, 0.0
+    quantity = registry().Quantity
+    try:
+        zero = float(quantity(0.0, parse(source)).to(parse(target)).magnitude)
+        one = float(quantity(1.0, parse(source)).to(parse(target)).magnitude)
+    except pint.DimensionalityError as error:
+        raise InputError(f"'{source}' cannot be converted to '{target}'") from error
+    return (one, 0.0) if zero == 0.0 else (one - zero, zero)
+
+
+def in_unit(value: float | int | str, unit: str, what: str) -> float:
+    """``value`` as a number in ``unit``: a plain number is in it already, text carries its own unit.
+
+    Args:
+        value: ``0.3``, ``"1.1 deg"`` or ``"1.1"``.
+        unit: The unit wanted; empty where it is unknown, then text may carry none.
+        what: Named in the message of the error.
+
+    Raises:
+        InputError: Neither a number nor a quantity of the right kind.
+    """
+    if isinstance(value, bool):
+        return float(value)
+    if isinstance(value, int | float):
+        return float(value)
+    match = _QUANTITY.match(value) if isinstance(value, str) else None
+    if match is None:
+        raise InputError(f"{what} is {value!r}: a number is needed" + (f", in {unit}" if unit else ""))
+    number, written = float(match[1]), match[2]
+    if not written:
+        return number
+    if not unit:
+        raise InputError(f"{what} is {value!r}, but its unit is not declared: give a plain number")
+    try:
+        factor, offset = conversion(written, unit)
+    except InputError as error:
+        raise InputError(f"{what} is {value!r}: {error}") from error
+    return factor * number + offset
