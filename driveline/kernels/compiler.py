@@ -33,7 +33,7 @@ ENVIRONMENT = {
     "PYTHONHASHSEED": "0",
 }
 C_LIBRARY = set("""acos asin atan atan2 cos cosh exp exp2 expm1 fmod frexp ldexp log log10 log1p log2
-    pow sin sincos sinh tan tanh floor ceil round trunc fabs memcpy memmove memset""".split())
+    pow sin sincos sinh sqrt tan tanh floor ceil round trunc fabs memcpy memmove memset""".split())
 C_TYPES = {float: "double", int: "int64_t"}
 HEADER = """\
 #include <stdint.h>

@@ -23,7 +23,7 @@ from ..kernels.backend import kernel
 from ..quantities import InputError, quantity
 
 LARGEST_JITTER = 5e-3  # [s], thesis section 3.3.5
-TABLE_SIZE = 129
+TABLE_SIZE = 257
 
 # Parameters of a channel, in this order: frame period and delay in ticks, resolution, seed, and
 # how many frames the buffer holds.
@@ -64,7 +64,7 @@ class CanSignal:
     period: float = quantity("s", "time between two frames", start=0.01, minimum=1e-3)
     delay: float = quantity("s", "constant delay from taking a value to reading it", start=0.0,
                             minimum=0.0, maximum=0.2)
-    jitter: int = quantity("1", "data set of the frames' jitter (1 is none)", start=1, minimum=1,
+    jitter_set: int = quantity("1", "data set of the frames' jitter (1 is none)", start=1, minimum=1,
                            maximum=4, kind="integer")
     resolution: float = quantity("rad/s", "speed of one bit (0 is unquantised)", start=0.0, minimum=0.0)
     seed: int = quantity("1", "seed of the frames' jitter", start=1, minimum=0, maximum=2**31 - 1,
