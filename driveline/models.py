@@ -4,5 +4,8 @@ from __future__ import annotations
 
 from .model import Model
 from .plants.full_order import FullOrderPlant
+from .plants.reduced import SplitLashPlant, ThreeMassPlant, TwoMassPlant
 
-MODELS: dict[str, type[Model]] = {model.name: model for model in (FullOrderPlant,)}
+MODELS: dict[str, type[Model]] = {
+    model.name: model for model in (FullOrderPlant, TwoMassPlant, ThreeMassPlant, SplitLashPlant)
+}

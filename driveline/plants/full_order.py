@@ -88,18 +88,20 @@ class FullOrderParameters:
     solver: Solver
 
 
-def _input(name: str, unit: str, meaning: str, **more) -> Variable:
-    more.setdefault("variability", "continuous")
-    return Variable(name, unit, meaning, causality="input", **more)
+def input_variable(name: str, unit: str, meaning: str, **more) -> Variable:
+    """An input of a plant; continuous unless said otherwise."""
+    return Variable(name, unit, meaning, causality="input", **{"variability": "continuous", **more})
 
 
-def _output(name: str, unit: str, meaning: str, nominal: float | None = None, **more) -> Variable:
-    return Variable(name, unit, meaning, causality="output", variability="continuous", nominal=nominal, **more)
+def output_variable(name: str, unit: str, meaning: str, nominal: float | None = None) -> Variable:
+    """An output of a plant."""
+    return Variable(name, unit, meaning, causality="output", variability="continuous", nominal=nominal)
 
 
-ENGINE_TORQUE = _input("engine_torque", "N.m", "requested crankshaft torque, brake", nominal=100.0)
-ROAD_GRADE = _input("road_grade", "rad", "slope angle of the road, uphill positive", minimum=-1.0, maximum=1.0)
-BRAKE_TORQUE = _input("brake_torque", "N.m", "total brake torque at the driven wheels", minimum=0.0, nominal=1000.0)
+BRAKE_TORQUE = input_variable(
+    "brake_torque", "N.m", "total brake torque at the driven wheels", minimum=0.0, nominal=1000.0)
+ROAD_GRADE = input_variable(
+    "road_grade", "rad", "slope angle of the road, uphill positive", minimum=-1.0, maximum=1.0)
 
 # Speeds that arrive by CAN, and whose jitter they have: the powertrain's or the brake control's.
 # The parameters of <speed> are <speed>_sensor, its output is <speed>_measured.
@@ -107,6 +109,12 @@ MEASURED_SPEEDS = {
     "engine_speed": "engine", "turbine_speed": "engine", "transmission_output_speed": "engine",
     "wheel_speed": "wheel", "vehicle_speed": "wheel",
 }
+
+
+def tyre_force_limit(p: FullOrderParameters) -> float:
+    """Largest longitudinal force of one driven tyre [N]: friction times its static load."""
+    weight = p.vehicle.mass * GRAVITY
+    return 0.5 * p.tyre.friction_coefficient * p.vehicle.driven_load_fraction * weight
 
 
 class FullOrderPlant(Plant):
@@ -118,49 +126,49 @@ class FullOrderPlant(Plant):
     body = "vehicle"
 
     inputs = (
-        ENGINE_TORQUE,
-        _input("spark_efficiency", "1", "share of the air path's torque the spark path lets through",
+        input_variable("engine_torque", "N.m", "requested crankshaft torque, brake", nominal=100.0),
+        input_variable("spark_efficiency", "1", "share of the air path's torque the spark path lets through",
                start=1.0, minimum=0.0, maximum=1.0),
-        _input("gear", "1", "engaged gear: -1 reverse, 0 neutral, 1 to 10", kind="integer",
+        input_variable("gear", "1", "engaged gear: -1 reverse, 0 neutral, 1 to 10", kind="integer",
                variability="discrete", start=5, minimum=-1, maximum=10),
-        _input("lockup_command", "1", "lock-up clutch: 0 open to 1 full capacity", start=1.0,
+        input_variable("lockup_command", "1", "lock-up clutch: 0 open to 1 full capacity", start=1.0,
                minimum=0.0, maximum=1.0),
         BRAKE_TORQUE,
         ROAD_GRADE,
     )
     output_variables = (
-        _output("engine_speed", "rad/s", "crankshaft speed", 100.0),
-        _output("turbine_speed", "rad/s", "turbine and transmission input speed", 100.0),
-        _output("transmission_output_speed", "rad/s", "transmission output speed", 100.0),
-        _output("wheel_speed", "rad/s", "mean speed of the driven wheels (hubs)", 30.0),
-        _output("vehicle_speed", "m/s", "vehicle speed", 10.0),
-        _output("crankshaft_torque", "N.m", "torque delivered to the crankshaft", 100.0),
-        _output("transmission_input_torque", "N.m", "torque carried at the planetary sets' input", 100.0),
-        _output("propeller_shaft_torque", "N.m", "torque in the propeller shaft", 200.0),
-        _output("axle_shaft_torque", "N.m", "sum of the torques in both axle shafts", 1000.0),
-        _output("lockup_clutch_torque", "N.m", "torque through the lock-up clutch", 100.0),
-        _output("converter_slip", "rad/s", "engine speed over turbine speed, difference", 10.0),
-        _output("lockup_clutch_sticks", "1", "0 while the lock-up clutch sticks, -1 or 1 while it slips"),
-        _output("transmission_lash", "rad", "position in the transmission lash, at its input", 0.01),
-        _output("final_drive_lash", "rad", "position in the final drive lash, at the propeller shaft", 0.01),
-        _output("lash_position", "rad", "both lashes lumped at the propeller shaft (thesis 2.2.2.2)", 0.01),
-        _output("transmission_contact", "1", "flank in contact in the transmission: -1, 0 none, 1"),
-        _output("final_drive_contact", "1", "flank in contact in the final drive: -1, 0 none, 1"),
-        _output("vehicle_acceleration", "m/s2", "longitudinal acceleration of the body", 1.0),
-        _output("seat_acceleration", "m/s2", "longitudinal acceleration at the seat track", 1.0),
-        _output("differential_acceleration", "m/s2", "vertical acceleration of the differential's nose", 1.0),
-        _output("engine_roll_speed", "rad/s", "roll rate of engine and transmission on their mounts", 0.1),
-        _output("travelled_distance", "m", "distance since the start", 100.0),
-        _output("crank_angle", "rad", "crankshaft angle since the start", 1000.0),
-        _output("energy_stored", "J", "kinetic and elastic energy in the plant", 1e5),
-        _output("energy_supplied", "J", "work done on the plant since the start", 1e5),
-        _output("energy_dissipated", "J", "heat made since the start", 1e5),
-        _output("propeller_shaft_torque_measured", "N.m", "propeller shaft torque as the torque meter gives it", 200.0),
-        _output("engine_speed_measured", "rad/s", "engine speed as it arrives by CAN", 100.0),
-        _output("turbine_speed_measured", "rad/s", "turbine speed as it arrives by CAN", 100.0),
-        _output("transmission_output_speed_measured", "rad/s", "transmission output speed as it arrives by CAN", 100.0),
-        _output("wheel_speed_measured", "rad/s", "mean driven wheel speed as it arrives by CAN", 30.0),
-        _output("vehicle_speed_measured", "m/s", "vehicle speed as it arrives by CAN", 10.0),
+        output_variable("engine_speed", "rad/s", "crankshaft speed", 100.0),
+        output_variable("turbine_speed", "rad/s", "turbine and transmission input speed", 100.0),
+        output_variable("transmission_output_speed", "rad/s", "transmission output speed", 100.0),
+        output_variable("wheel_speed", "rad/s", "mean speed of the driven wheels (hubs)", 30.0),
+        output_variable("vehicle_speed", "m/s", "vehicle speed", 10.0),
+        output_variable("crankshaft_torque", "N.m", "torque delivered to the crankshaft", 100.0),
+        output_variable("transmission_input_torque", "N.m", "torque carried at the planetary sets' input", 100.0),
+        output_variable("propeller_shaft_torque", "N.m", "torque in the propeller shaft", 200.0),
+        output_variable("axle_shaft_torque", "N.m", "sum of the torques in both axle shafts", 1000.0),
+        output_variable("lockup_clutch_torque", "N.m", "torque through the lock-up clutch", 100.0),
+        output_variable("converter_slip", "rad/s", "engine speed over turbine speed, difference", 10.0),
+        output_variable("lockup_clutch_sticks", "1", "0 while the lock-up clutch sticks, -1 or 1 while it slips"),
+        output_variable("transmission_lash", "rad", "position in the transmission lash, at its input", 0.01),
+        output_variable("final_drive_lash", "rad", "position in the final drive lash, at the propeller shaft", 0.01),
+        output_variable("lash_position", "rad", "both lashes lumped at the propeller shaft (thesis 2.2.2.2)", 0.01),
+        output_variable("transmission_contact", "1", "flank in contact in the transmission: -1, 0 none, 1"),
+        output_variable("final_drive_contact", "1", "flank in contact in the final drive: -1, 0 none, 1"),
+        output_variable("vehicle_acceleration", "m/s2", "longitudinal acceleration of the body", 1.0),
+        output_variable("seat_acceleration", "m/s2", "longitudinal acceleration at the seat track", 1.0),
+        output_variable("differential_acceleration", "m/s2", "vertical acceleration of the differential's nose", 1.0),
+        output_variable("engine_roll_speed", "rad/s", "roll rate of engine and transmission on their mounts", 0.1),
+        output_variable("travelled_distance", "m", "distance since the start", 100.0),
+        output_variable("crank_angle", "rad", "crankshaft angle since the start", 1000.0),
+        output_variable("energy_stored", "J", "kinetic and elastic energy in the plant", 1e5),
+        output_variable("energy_supplied", "J", "work done on the plant since the start", 1e5),
+        output_variable("energy_dissipated", "J", "heat made since the start", 1e5),
+        output_variable("propeller_shaft_torque_measured", "N.m", "propeller shaft torque as the torque meter gives it", 200.0),
+        output_variable("engine_speed_measured", "rad/s", "engine speed as it arrives by CAN", 100.0),
+        output_variable("turbine_speed_measured", "rad/s", "turbine speed as it arrives by CAN", 100.0),
+        output_variable("transmission_output_speed_measured", "rad/s", "transmission output speed as it arrives by CAN", 100.0),
+        output_variable("wheel_speed_measured", "rad/s", "mean driven wheel speed as it arrives by CAN", 30.0),
+        output_variable("vehicle_speed_measured", "m/s", "vehicle speed as it arrives by CAN", 10.0),
     )
 
     @classmethod
@@ -258,7 +266,7 @@ class FullOrderPlant(Plant):
             net.friction(f"{side}_brake", hub, GROUND, 0.5, lag="brake_torque_level")
             net.shaft(f"{side}_tyre", hub, belt, tyre.stiffness, tyre.damping)
             net.contact(f"{side}_contact", belt, axle, tyre.slip_stiffness, tyre.relaxation_length,
-                        0.5 * tyre.friction_coefficient * p.vehicle.driven_load_fraction * weight, tyre.radius)
+                        tyre_force_limit(p), tyre.radius)
         if p.suspension.enabled:
             net.shaft("suspension", axle, body, p.suspension.stiffness, p.suspension.damping, unit="m")
         net.aerodynamic("aerodynamic_drag", body,
