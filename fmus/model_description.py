@@ -112,8 +112,8 @@ def model_description(model: Model, identifier: str, version: str) -> Element:
     units = SubElement(root, "UnitDefinitions")
     for unit in sorted({v.unit for v in model.variables if v.kind == "real"}):
         definition = SubElement(units, "Unit", {"name": unit})
-        SubElement(definition, "BaseUnit", {
-            name: repr(value) for name, value in base_unit(unit).items()})
+        if (attributes := base_unit(unit)) is not None:
+            SubElement(definition, "BaseUnit", {name: repr(value) for name, value in attributes.items()})
 
     categories = SubElement(root, "LogCategories")
     for name, description in Fmi2Slave.log_categories.items():

@@ -39,11 +39,14 @@ _SYMBOLS: dict[str, tuple[float, float, dict[str, int]]] = {
     "kW": (1e3, 0.0, {"kg": 1, "m": 2, "s": -3}),
     "V": (1.0, 0.0, {"kg": 1, "m": 2, "s": -3, "A": -1}),
 }
+_LOGARITHMIC = ("dB",)
 _TERM = re.compile(r"([A-Za-z%]+|1)(-?\d+)?")
 
 
-def base_unit(unit: str) -> dict[str, float | int]:
+def base_unit(unit: str) -> dict[str, float | int] | None:
     """Attributes of FMI's ``BaseUnit``: non-zero exponents, and factor and offset where not 1 and 0.
+
+    None for a logarithmic unit, which is no multiple of base units.
 
     Spelling as in Modelica: factors joined by dots, whole exponents directly behind the symbol, and
     all factors after the slash divide (``N.m.s/rad``, ``kg.m2``, ``m/s2``, ``N.m.s2/rad2``,
@@ -52,6 +55,8 @@ def base_unit(unit: str) -> dict[str, float | int]:
     Raises:
         InputError: The unit is not spelt this way, or a symbol is not known.
     """
+    if unit in _LOGARITHMIC:
+        return None
     above, *below = unit.split("/")
     if len(below) > 1:
         raise InputError(f"unit {unit}: one slash is possible, the factors after it are joined by dots")
@@ -64,7 +69,8 @@ def base_unit(unit: str) -> dict[str, float | int]:
             power = sign * int(found[2] or 1)
             symbol_factor, offset_here, symbol_exponents = _SYMBOLS[found[1]]
             factor *= symbol_factor**power
-            offset = offset_here if unit == term else 0.0  # an offset only means something alone
+            if unit == term:  # an offset only means something where the symbol stands alone
+                offset = offset_here
             for name, exponent in symbol_exponents.items():
                 exponents[name] = exponents.get(name, 0) + power * exponent
     attributes: dict[str, float | int] = {name: n for name, n in exponents.items() if n}

@@ -17,7 +17,7 @@ from fmus.packaging import DRIVELINE, write_fmu
 TOY = Path(__file__).parent / "toy"
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class Toy:
     """One build: its payload, its slave script, its FMU and the model's class in process."""
 

@@ -1,0 +1,200 @@
+"""Every FMU the package builds: nothing to complain about, and the same numbers wherever it runs."""
+
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import fmpy
+import numpy as np
+import pytest
+from fmpy.fmi1 import FMICallException
+from fmpy.validation import validate_fmu
+from lxml import etree
+
+from driveline.models import MODELS
+from driveline.vehicles import load as load_vehicle
+from fmus.packaging import FMUS, VARIANT, VEHICLE, build
+
+STEP = 1e-3
+
+
+def in_process(name, backend="auto"):
+    return MODELS[name](MODELS[name].defaults_from(load_vehicle(VEHICLE, VARIANT)), backend=backend)
+
+
+def torque_input(described):
+    """The input that drives the plant: its first one in N.m."""
+    return next(name for name, v in described.items() if v.causality == "input" and v.unit == "N.m")
+
+
+def tip_in(host, count=60, first=0):
+    """Outputs while the torque goes from drag to drive and back: the lash is crossed twice."""
+    name, rows = torque_input(host.variables), []
+    for step in range(first, first + count):
+        host[name] = 150.0 if step % 40 < 20 else -50.0
+        host.doStep(step * STEP, STEP)
+        rows.append(host.outputs())
+    return np.array(rows)
+
+
+@pytest.fixture(params=FMUS)
+def name(request):
+    return request.param
+
+
+def test_nothing_to_complain_about(fmus, name):
+    assert validate_fmu(str(fmus[name])) == []
+    schema = Path(fmpy.__file__).parent / "schema" / "fmi2" / "fmi2ModelDescription.xsd"
+    with zipfile.ZipFile(fmus[name]) as archive:
+        etree.XMLSchema(file=str(schema)).assertValid(etree.fromstring(archive.read("modelDescription.xml")))
+    for variable in fmpy.read_model_description(str(fmus[name])).modelVariables:
+        assert variable.description
+        assert variable.type != "Real" or variable.unit
+
+
+def test_trajectory_is_the_one_in_process_to_the_bit(fmus, name, load):
+    host, model = load(fmus[name]), in_process(name)
+    host.initialize()
+    model.initialize()
+    torque = torque_input(host.variables)
+    expected = []
+    for step in range(60):
+        model[torque] = 150.0 if step % 40 < 20 else -50.0
+        model.step(step * STEP, STEP)
+        expected.append([v for v, d in zip(model.values, model.variables, strict=True)
+                         if d.causality == "output"])
+    got = tip_in(host)
+    assert np.ptp(got, axis=0).any()
+    np.testing.assert_array_equal(got, np.array(expected))
+
+
+def test_restored_snapshot_goes_on_with_the_same_bits(fmus, name, load):
+    host, other = load(fmus[name]), load(fmus[name])
+    host.initialize()
+    tip_in(host, 15)
+    snapshot = host.getFMUState()
+    saved = host.serializeFMUState(snapshot)
+    ahead = tip_in(host, 40, 15)
+    host.setFMUState(snapshot)
+    np.testing.assert_array_equal(tip_in(host, 40, 15), ahead)
+    other.setFMUState(other.deserializeFMUState(saved))
+    np.testing.assert_array_equal(tip_in(other, 40, 15), ahead)
+
+
+def test_all_at_once_in_any_order_as_each_alone(fmus, load):
+    alone = {}
+    for name in FMUS:
+        host = load(fmus[name])
+        host.initialize()
+        alone[name] = tip_in(host, 25)
+        host.freeInstance()
+    for order in (list(FMUS), list(FMUS)[::-1]):
+        hosts = {name: load(fmus[name]) for name in [*order, *order]}
+        for host in hosts.values():
+            host.initialize()
+        for name, host in hosts.items():
+            np.testing.assert_array_equal(tip_in(host, 25), alone[name])
+
+
+def test_bad_values_are_named(fmus, name, load):
+    host = load(fmus[name])
+    torque = torque_input(host.variables)
+    host.initialize()
+    host[torque] = np.nan
+    with pytest.raises(FMICallException):
+        host.doStep(0.0, STEP)
+    assert f"{torque} is nan" in host.messages[-1][1]
+    host[torque] = 0.0
+    with pytest.raises(FMICallException):
+        host.doStep(0.0, 0.0)
+    assert "communication step is 0 s" in host.messages[-1][1]
+
+
+def test_a_gear_that_does_not_exist_is_named(fmus, load):
+    host = load(fmus["plant_fom"])
+    host.initialize()
+    host["gear"] = 11
+    with pytest.raises(FMICallException):
+        host.doStep(0.0, STEP)
+    assert "gear is 11" in host.messages[-1][1]
+
+
+def test_a_negative_inertia_is_named(fmus, load):
+    host = load(fmus["plant_fom"])
+    host["engine.inertia"] = -0.1
+    with pytest.raises(FMICallException):
+        host.initialize()
+    assert "engine.inertia is -0.1 kg.m2" in host.messages[-1][1]
+
+
+IN_A_BARE_ENVIRONMENT = """
+import sys
+class Missing:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {"scipy", "numba", "llvmlite", "ziglang", "driveline", "fmus", "cosim",
+                                      "pythonfmu", "platformdirs", "pint", "polars"}:
+            raise ModuleNotFoundError(f"{name} is not here", name=name)
+sys.meta_path.insert(0, Missing())
+import fmpy
+for path in sys.argv[1:]:
+    result = fmpy.simulate_fmu(path, stop_time=0.02, output_interval=1e-3, debug_logging=True)
+    print(len(result))
+"""
+
+
+def test_numpy_alone_is_enough(fmus):
+    done = subprocess.run([sys.executable, "-I", "-c", IN_A_BARE_ENVIRONMENT, *map(str, fmus.values())],
+                          capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("21\n") == len(FMUS)
+    assert "plain Python" not in done.stdout
+
+
+@pytest.mark.parametrize("fit", ["missing", "damaged"])
+def test_without_its_library_it_runs_in_plain_python_and_says_so(fmus, load, tmp_path, fit):
+    """And with the same bits; in a process of its own, because a loaded module keeps its library."""
+    expected = load(fmus["plant_rom_2dof"])
+    expected.initialize()
+    folder = tmp_path / "without"
+    fmpy.extract(str(fmus["plant_rom_2dof"]), str(folder))
+    libraries = [*folder.rglob("lib/kernels-*")]
+    assert libraries
+    for library in libraries:
+        if fit == "missing":
+            library.unlink()
+        else:
+            library.write_bytes(b"not a library")
+    done = subprocess.run([sys.executable, "-c", RUN_WITH_LOG, str(folder), torque_input(expected.variables)],
+                          capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert "plain Python" in done.stdout.splitlines()[0]
+    got = [float.fromhex(value) for value in done.stdout.splitlines()[-1].split()]
+    np.testing.assert_array_equal(got, tip_in(expected, 5)[-1])
+
+
+RUN_WITH_LOG = """
+import sys
+from fmpy import read_model_description
+from fmpy.fmi2 import FMU2Slave
+folder, torque = sys.argv[1:]
+described = read_model_description(folder)
+fmu = FMU2Slave(guid=described.guid, unzipDirectory=folder, instanceName="again",
+                modelIdentifier=described.coSimulation.modelIdentifier)
+fmu.instantiate(loggingOn=True)
+fmu.setupExperiment()
+fmu.enterInitializationMode()
+fmu.exitInitializationMode()
+references = {v.name: v.valueReference for v in described.modelVariables}
+for step in range(5):
+    fmu.setReal([references[torque]], [150.0])
+    fmu.doStep(step * 1e-3, 1e-3)
+values = fmu.getReal([v.valueReference for v in described.modelVariables if v.causality == "output"])
+print()
+print(*[value.hex() for value in values])
+"""
+
+
+def test_builds_are_reproducible(fmus, tmp_path):
+    again = {path.stem: path for path in build(tmp_path, ["plant_rom_3dof"])}
+    assert again["plant_rom_3dof"].read_bytes() == fmus["plant_rom_3dof"].read_bytes()
