@@ -2,6 +2,7 @@
 
 import importlib.util
 import shutil
+import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -109,6 +110,67 @@ class FMU2Host(fmi2.FMU2Slave):  # FMPy finds the FMI version in the name of the
             self.doStep(step * dt, dt)
             rows.append(self.outputs())
         return rows
+
+
+_BARE = """
+import sys
+class Missing:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {"scipy", "numba", "llvmlite", "ziglang", "driveline", "fmus", "cosim",
+                                      "pythonfmu", "platformdirs", "pint", "polars"}:
+            raise ModuleNotFoundError(f"{name} is not here", name=name)
+sys.meta_path.insert(0, Missing())
+import fmpy
+for path in sys.argv[1:]:
+    print(len(fmpy.simulate_fmu(path, stop_time=0.05, output_interval=0.01, debug_logging=True)), "points")
+"""
+
+
+@pytest.fixture
+def simulate_with_numpy_alone(tmp_path: Path) -> Callable[..., str]:
+    """Simulates 5 steps of each FMU in a process that has FMPy and numpy; gives what it prints."""
+
+    def simulate(*fmus: Path) -> str:
+        done = subprocess.run([sys.executable, "-I", "-c", _BARE, *map(str, fmus)], cwd=tmp_path,
+                              capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    return simulate
+
+
+_ELSEWHERE = """
+import sys
+from pathlib import Path
+from fmpy import read_model_description
+from fmpy.fmi2 import FMU2Slave
+folder, snapshot, first, count, dt = sys.argv[1:]
+described = read_model_description(folder)
+fmu = FMU2Slave(guid=described.guid, unzipDirectory=folder, instanceName="elsewhere",
+                modelIdentifier=described.coSimulation.modelIdentifier)
+fmu.instantiate(loggingOn=True)
+fmu.setFMUState(fmu.deserializeFMUState(Path(snapshot).read_bytes()))
+for step in range(int(first), int(first) + int(count)):
+    fmu.doStep(step * float(dt), float(dt))
+outputs = [v for v in described.modelVariables if v.causality == "output"]
+print()
+print(*[float(getattr(fmu, "get" + v.type)([v.valueReference])[0]).hex() for v in outputs])
+"""
+
+
+@pytest.fixture
+def go_on_elsewhere(tmp_path: Path) -> Callable[..., tuple[list[float], str]]:
+    """Restores a snapshot in a new process and runs on; gives the last outputs, and what was logged."""
+
+    def run(folder: Path, saved: bytes, first: int, count: int, dt: float = 0.01) -> tuple[list[float], str]:
+        snapshot = tmp_path / "snapshot"
+        snapshot.write_bytes(saved)
+        arguments = map(str, (folder, snapshot, first, count, dt))
+        done = subprocess.run([sys.executable, "-c", _ELSEWHERE, *arguments], capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        return [float.fromhex(value) for value in done.stdout.splitlines()[-1].split()], done.stdout
+
+    return run
 
 
 @pytest.fixture

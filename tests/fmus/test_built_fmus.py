@@ -1,7 +1,5 @@
 """Every FMU the package builds: nothing to complain about, and the same numbers wherever it runs."""
 
-import subprocess
-import sys
 import zipfile
 from pathlib import Path
 
@@ -128,34 +126,28 @@ def test_a_negative_inertia_is_named(fmus, load):
     assert "engine.inertia is -0.1 kg.m2" in host.messages[-1][1]
 
 
-IN_A_BARE_ENVIRONMENT = """
-import sys
-class Missing:
-    def find_spec(self, name, path=None, target=None):
-        if name.partition(".")[0] in {"scipy", "numba", "llvmlite", "ziglang", "driveline", "fmus", "cosim",
-                                      "pythonfmu", "platformdirs", "pint", "polars"}:
-            raise ModuleNotFoundError(f"{name} is not here", name=name)
-sys.meta_path.insert(0, Missing())
-import fmpy
-for path in sys.argv[1:]:
-    result = fmpy.simulate_fmu(path, stop_time=0.02, output_interval=1e-3, debug_logging=True)
-    print(len(result))
-"""
+def test_numpy_alone_is_enough(fmus, simulate_with_numpy_alone):
+    said = simulate_with_numpy_alone(*fmus.values())
+    assert said.count("6 points") == len(FMUS)
+    assert "plain Python" not in said
 
 
-def test_numpy_alone_is_enough(fmus):
-    done = subprocess.run([sys.executable, "-I", "-c", IN_A_BARE_ENVIRONMENT, *map(str, fmus.values())],
-                          capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.count("21\n") == len(FMUS)
-    assert "plain Python" not in done.stdout
+def test_snapshot_goes_on_in_a_new_process(fmus, name, load, go_on_elsewhere):
+    host = load(fmus[name])
+    host.initialize()
+    tip_in(host, 15)
+    saved = host.serializeFMUState(host.getFMUState())
+    outputs, _ = go_on_elsewhere(host.unzipDirectory, saved, 15, 20, STEP)
+    assert outputs == host.run(15, 20, STEP)[-1]
 
 
 @pytest.mark.parametrize("fit", ["missing", "damaged"])
-def test_without_its_library_it_runs_in_plain_python_and_says_so(fmus, load, tmp_path, fit):
+def test_without_its_library_it_runs_in_plain_python_and_says_so(
+        fmus, load, tmp_path, go_on_elsewhere, fit):
     """And with the same bits; in a process of its own, because a loaded module keeps its library."""
-    expected = load(fmus["plant_rom_2dof"])
-    expected.initialize()
+    host = load(fmus["plant_rom_2dof"])
+    host.initialize()
+    host[torque_input(host.variables)] = 150.0
     folder = tmp_path / "without"
     fmpy.extract(str(fmus["plant_rom_2dof"]), str(folder))
     libraries = [*folder.rglob("lib/kernels-*")]
@@ -165,34 +157,9 @@ def test_without_its_library_it_runs_in_plain_python_and_says_so(fmus, load, tmp
             library.unlink()
         else:
             library.write_bytes(b"not a library")
-    done = subprocess.run([sys.executable, "-c", RUN_WITH_LOG, str(folder), torque_input(expected.variables)],
-                          capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    assert "plain Python" in done.stdout.splitlines()[0]
-    got = [float.fromhex(value) for value in done.stdout.splitlines()[-1].split()]
-    np.testing.assert_array_equal(got, tip_in(expected, 5)[-1])
-
-
-RUN_WITH_LOG = """
-import sys
-from fmpy import read_model_description
-from fmpy.fmi2 import FMU2Slave
-folder, torque = sys.argv[1:]
-described = read_model_description(folder)
-fmu = FMU2Slave(guid=described.guid, unzipDirectory=folder, instanceName="again",
-                modelIdentifier=described.coSimulation.modelIdentifier)
-fmu.instantiate(loggingOn=True)
-fmu.setupExperiment()
-fmu.enterInitializationMode()
-fmu.exitInitializationMode()
-references = {v.name: v.valueReference for v in described.modelVariables}
-for step in range(5):
-    fmu.setReal([references[torque]], [150.0])
-    fmu.doStep(step * 1e-3, 1e-3)
-values = fmu.getReal([v.valueReference for v in described.modelVariables if v.causality == "output"])
-print()
-print(*[value.hex() for value in values])
-"""
+    outputs, said = go_on_elsewhere(folder, host.serializeFMUState(host.getFMUState()), 0, 5, STEP)
+    assert "plain Python" in said
+    assert outputs == host.run(0, 5, STEP)[-1]
 
 
 def test_builds_are_reproducible(fmus, tmp_path):

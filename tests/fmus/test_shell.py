@@ -1,7 +1,6 @@
 """The slave as a host sees it, on the toy FMU."""
 
 import gc
-import subprocess
 import sys
 from pathlib import Path
 
@@ -186,32 +185,12 @@ def test_foreign_bytes_are_refused(toy, load):
     assert "not a saved state of toy" in failure(host, host.setFMUState, state)
 
 
-IN_A_NEW_PROCESS = """
-import sys
-from fmpy import read_model_description
-from fmpy.fmi2 import FMU2Slave
-folder, file = sys.argv[1:]
-described = read_model_description(folder)
-fmu = FMU2Slave(guid=described.guid, unzipDirectory=folder, instanceName="again",
-                modelIdentifier=described.coSimulation.modelIdentifier)
-fmu.instantiate()
-fmu.setFMUState(fmu.deserializeFMUState(open(file, "rb").read()))
-for step in range(10, 30):
-    fmu.doStep(step * 0.01, 0.01)
-print([value.hex() for value in fmu.getReal([7, 8])])
-"""
-
-
-def test_snapshot_goes_on_in_a_new_process(toy, load, tmp_path):
+def test_snapshot_goes_on_in_a_new_process(toy, load, go_on_elsewhere):
     host = load(toy.fmu)
     host.initialize(**{"force": 3.0, "mass.inertia": 0.3})
     host.run(0, 10)
-    file = tmp_path / "snapshot"
-    file.write_bytes(host.serializeFMUState(host.getFMUState()))
-    done = subprocess.run([sys.executable, "-c", IN_A_NEW_PROCESS, host.unzipDirectory, str(file)],
-                          capture_output=True, text=True, check=True)
-    host.run(10, 20)
-    assert done.stdout.strip() == str([value.hex() for value in host.getReal([7, 8])])
+    outputs, _ = go_on_elsewhere(host.unzipDirectory, host.serializeFMUState(host.getFMUState()), 10, 20)
+    assert outputs == host.run(10, 20)[-1]
 
 
 def test_instances_come_and_go(toy, load):
