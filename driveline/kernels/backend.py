@@ -12,7 +12,8 @@ What a kernel may contain, so that both ways give the same numbers:
   beside them (``state[at + 3]``). The plain run sees them as memory views, which are three times
   as fast as numpy there but know no ``.size``, no slices assigned from a scalar, no arithmetic.
 - No allocation, no exceptions, no strings, no containers. The build refuses what needs Python.
-- Squares are written ``x * x``: ``x ** 2`` and ``pow`` round differently in the two.
+- Squares are written ``x * x``: ``**`` and ``pow`` round differently in the two, and are refused;
+  so are functions whose result Python computes in its own way (``math.hypot``, ``math.gamma``).
 - Division by zero and the domain errors of ``math`` (a negative root, an overflowing ``exp``)
   raise in plain Python and give infinity or NaN compiled: keep away from both.
 - I8 have 64 bits compiled and no end in Python: keep every intermediate inside
@@ -21,6 +22,7 @@ What a kernel may contain, so that both ways give the same numbers:
 
 from __future__ import annotations
 
+import dis
 import importlib
 import inspect
 from collections.abc import Callable
@@ -93,7 +95,8 @@ def reached_kernels(functions: list[Callable]) -> list[Callable]:
     """The given kernels and all kernels they call, in a fixed order.
 
     Raises:
-        TypeError: A kernel calls a Python function that is not marked as one.
+        TypeError: A kernel calls a Python function that is not marked as one, raises to a power or
+            uses a module-level array.
     """
     found: list[Callable] = []
     waiting = list(functions)
@@ -102,8 +105,13 @@ def reached_kernels(functions: list[Callable]) -> list[Callable]:
         if function in found:
             continue
         found.append(function)
+        operators = {instruction.argrepr for instruction in dis.get_instructions(function)}
+        if {"**", "**="} & operators or "pow" in function.__code__.co_names:
+            raise TypeError(f"kernel {function.__name__} raises to a power: multiply, or use exp and log")
         for name in function.__code__.co_names:
             used = function.__globals__.get(name)
+            if isinstance(used, np.ndarray):
+                raise TypeError(f"kernel {function.__name__} uses the module-level array {name}: pass it in")
             if inspect.isfunction(used):
                 if not getattr(used, "is_kernel", False):
                     raise TypeError(f"kernel {function.__name__} calls {name}, which is not a @kernel")
@@ -111,7 +119,7 @@ def reached_kernels(functions: list[Callable]) -> list[Callable]:
     return found
 
 
-def constants_of(function: Callable) -> dict[str, int | float]:
+def constants_of(function: Callable) -> dict[str, int | float | tuple]:
     """The module-level numbers a kernel refers to: the compiler freezes them into the code."""
     used = {name: function.__globals__.get(name) for name in sorted(set(function.__code__.co_names))}
-    return {name: value for name, value in used.items() if isinstance(value, int | float)}
+    return {name: value for name, value in used.items() if isinstance(value, int | float | tuple)}

@@ -17,6 +17,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import textwrap
 from collections.abc import Callable
 from pathlib import Path
 
@@ -32,8 +33,8 @@ ENVIRONMENT = {
     "NUMBA_DISABLE_INTEL_SVML": "1",
     "PYTHONHASHSEED": "0",
 }
-C_LIBRARY = set("""acos asin atan atan2 cos cosh exp exp2 expm1 fmod frexp ldexp log log10 log1p log2
-    pow sin sincos sinh sqrt tan tanh floor ceil round trunc fabs memcpy memmove memset""".split())
+C_LIBRARY = set("""acos asin atan atan2 cos cosh exp expm1 fmod log log10 log1p log2
+    sin sincos sinh sqrt tan tanh floor ceil round trunc fabs memcpy memmove memset""".split())
 C_TYPES = {float: "double", int: "int64_t"}
 HEADER = """\
 #include <stdint.h>
@@ -108,7 +109,7 @@ def optimise(module, machine) -> None:
     """Optimise across kernels; only after that is it visible that none of them can raise.
 
     Raises:
-        CompileError: A kernel still needs something of Python: it raises or allocates.
+        CompileError: A kernel still needs something of Python, or of an unknown library.
     """
     import llvmlite.binding as llvm
 
@@ -116,9 +117,12 @@ def optimise(module, machine) -> None:
     builder.getModulePassManager().run(module, builder)
     needed = {s.name for s in [*module.functions, *module.global_variables] if s.is_declaration}
     foreign = sorted(n for n in needed if not n.startswith("llvm.") and n not in C_LIBRARY)
+    if any(name.startswith("NRT_MemInfo_alloc") for name in foreign):
+        raise CompileError("a kernel allocates: arrays are passed in, not made")
+    if any(name.startswith(("Py", "numba_", "NRT_")) for name in foreign):
+        raise CompileError("a kernel can raise an exception: it returns a status instead")
     if foreign:
-        raise CompileError(
-            f"a kernel allocates or can raise: it needs {', '.join(foreign)}; backend.py says what it may do")
+        raise CompileError(f"a kernel calls {', '.join(foreign)}, not known to give Python's bits")
 
 
 def build(targets: dict[str, dict[str, str]], out: Path) -> None:
@@ -143,6 +147,13 @@ def build(targets: dict[str, dict[str, str]], out: Path) -> None:
              *target["flags"], "exports.c", "kernels.o", "-o", target["file"]], cwd=out, check=True)
 
 
+def _told(error: Exception) -> str:
+    """The innermost cause of a failed compilation: Numba tells it last, under every caller's name."""
+    _, nested, cause = str(error).rpartition("raised a specific error:")
+    told = cause.partition("During:")[0] if nested else f"{type(error).__name__}: {cause}"
+    return textwrap.dedent(told).strip()
+
+
 if __name__ == "__main__":
     request = json.load(sys.stdin)
     sys.path[:] = request["path"]
@@ -150,4 +161,4 @@ if __name__ == "__main__":
     try:
         build(request["targets"], Path(request["out"]))
     except Exception as error:  # the parent shows one message, not the compiler's own traceback
-        sys.exit(f"{type(error).__name__}: {error}")
+        sys.exit(_told(error))

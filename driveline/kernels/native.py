@@ -70,9 +70,7 @@ def build(targets: Iterable[str], out: Path | str) -> list[Path]:
     from . import compiler
 
     targets = {name: TARGETS[name] for name in targets}
-    for tool in ("numba", "ziglang"):
-        if importlib.util.find_spec(tool) is None:
-            raise Unavailable(f"{tool} is not installed")
+    _need_tools()
     out = Path(out)
     out.mkdir(parents=True, exist_ok=True)
     log.info("compiling the kernels for %s", ", ".join(targets))
@@ -82,7 +80,7 @@ def build(targets: Iterable[str], out: Path | str) -> list[Path]:
     root = PACKAGE.parent
     with tempfile.TemporaryDirectory(dir=out, prefix=".build-") as scratch:
         request = {"targets": targets, "out": scratch, "modules": declared.KERNEL_MODULES,
-                   "path": [str(root), *sys.path]}
+                   "path": [str(root), *(os.path.abspath(entry) for entry in sys.path)]}
         done = subprocess.run(
             [sys.executable, "-m", compiler.__name__], cwd=root, env=environment,
             input=json.dumps(request), capture_output=True, text=True)
@@ -94,7 +92,11 @@ def build(targets: Iterable[str], out: Path | str) -> list[Path]:
             content = made.read_bytes()
             made.write_bytes(content + SEAL + hashlib.sha256(content).digest())
             libraries.append(out / target["file"])
-            os.replace(made, libraries[-1])
+            try:
+                os.replace(made, libraries[-1])
+            except PermissionError:  # Windows, where another process was first and has it loaded
+                if not _is_whole(libraries[-1]):
+                    raise
     return libraries
 
 
@@ -107,14 +109,18 @@ def library() -> Path:
     machine = this_machine()
     if machine not in TARGETS:
         raise Unavailable(f"the kernels are not compiled for {machine}, only for {', '.join(TARGETS)}")
-    for tool in ("numba", "ziglang"):
-        if importlib.util.find_spec(tool) is None:
-            raise Unavailable(f"{tool} is not installed")
+    _need_tools()
     folder = _cache() / "kernels" / _fingerprint()
     path = folder / TARGETS[machine]["file"]
     if not _is_whole(path):
         build([machine], folder)
     return path
+
+
+def _need_tools() -> None:
+    for tool in ("numba", "ziglang"):
+        if importlib.util.find_spec(tool) is None:
+            raise Unavailable(f"{tool} is not installed")
 
 
 def _cache() -> Path:
@@ -194,31 +200,33 @@ class Entry:
 @functools.cache
 def _loaded() -> tuple[ctypes.CDLL | None, str]:
     """The compiled library of this process, and what to say about it."""
+    names = declared.import_entry_points()
     try:
-        shipped = SHIPPED.is_dir()
-        path = SHIPPED / _file_name() if shipped else library()
-        if not path.is_file():
-            raise Unavailable(f"no compiled kernels for {this_machine()} are shipped in {SHIPPED}")
+        path = _shipped() if SHIPPED.is_dir() else library()
         if not _is_whole(path):
             raise Unavailable(f"{path} is damaged")
         compiled = ctypes.CDLL(str(path))
-        for name in declared.import_entry_points():
-            getattr(compiled, name)
-    except (Unavailable, OSError, AttributeError) as reason:
+        for name in names:
+            if not hasattr(compiled, name):
+                raise Unavailable(f"{path} has no {name}: it was built from other sources")
+    except (Unavailable, OSError) as reason:
         told = f"the kernels run as plain Python, which is slow: {reason}"
         log.warning("%s", told)
         return None, told
     return compiled, f"the kernels run compiled, from {path}"
 
 
-def _file_name() -> str:
+def _shipped() -> Path:
+    """The library that was shipped for this machine; a payload never compiles."""
     target = TARGETS.get(this_machine())
-    return target["file"] if target else f"kernels-{this_machine()}"
+    if target is None or not (SHIPPED / target["file"]).is_file():
+        raise Unavailable(f"no compiled kernels for {this_machine()} are shipped")
+    return SHIPPED / target["file"]
 
 
-def describe() -> str:
+def describe(backend: str = "auto") -> str:
     """One sentence on what the kernels run as, and why; for the host's log."""
-    return _loaded()[1]
+    return "the kernels run as plain Python, as asked" if backend == "python" else _loaded()[1]
 
 
 def load(name: str, backend: str = "auto") -> Entry:

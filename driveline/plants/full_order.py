@@ -29,8 +29,8 @@ from ..elements.road_load import GRAVITY, RoadLoad
 from ..elements.shaft import MassiveShaft, Shaft
 from ..elements.tyre import Tyre
 from ..kernels import network as k
-from ..quantities import Variable, quantity
-from ..sensors.can_signal import CanSignal
+from ..quantities import Variable, from_values, parameter_variables, quantity
+from ..sensors.can_signal import CanSignal, CanVehicleSpeed
 from ..sensors.torque_meter import TorqueMeter
 from .assembly import GROUND, Assembly, ByGear, Network, Term
 from .plant import Plant
@@ -83,7 +83,7 @@ class FullOrderParameters:
     turbine_speed_sensor: CanSignal
     transmission_output_speed_sensor: CanSignal
     wheel_speed_sensor: CanSignal
-    vehicle_speed_sensor: CanSignal
+    vehicle_speed_sensor: CanVehicleSpeed
     start: Start
     solver: Solver
 
@@ -173,7 +173,12 @@ class FullOrderPlant(Plant):
 
     @classmethod
     def defaults_from(cls, vehicle, gear: int = 5) -> dict[str, float]:
-        """Start values from a vehicle file; the gear is an input of this plant."""
+        """Start values from a vehicle file; the gear is an input of this plant.
+
+        Raises:
+            InputError: The file lacks a number, or has one that is no parameter, or out of range.
+        """
+        vehicle.check(parameter_variables(from_values(cls.Parameters, vehicle.values)))
         return {**vehicle.values, "gear": float(gear)}
 
     def _gear_exists(self, gear: int) -> bool:

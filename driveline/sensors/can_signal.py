@@ -71,6 +71,13 @@ class CanSignal:
                          kind="integer")
 
 
+@dataclass(frozen=True)
+class CanVehicleSpeed(CanSignal):
+    """How the vehicle speed reaches the control unit."""
+
+    resolution: float = quantity("m/s", "speed of one bit (0 is unquantised)", start=0.0, minimum=0.0)
+
+
 def jitter_cumulative(source: str, number: int, x: NDArray[np.float64]) -> NDArray[np.float64]:
     """Share of frames whose jitter is at most ``x`` [s].
 
