@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import re
+from importlib import resources
 
 import pint
 
@@ -18,15 +19,16 @@ _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\
 
 @functools.cache
 def registry() -> pint.UnitRegistry:
-    """The registry of units, with the angle as a dimension and the spellings drivelines use."""
-    units = pint.UnitRegistry(on_redefinition="ignore", autoconvert_offset_to_baseunit=True)
-    units.define("radian = [angle] = rad")
-    # pint has worked out the dimension of these already; say them again on top of the new radian
-    units.define("turn = 2 * pi * radian = _ = revolution = cycle = circle")
-    units.define("degree = pi / 180 * radian = deg = arcdeg = arcdegree = angular_degree")
-    units.define("revolutions_per_minute = revolution / minute = rpm")
-    units.define("revolutions_per_second = revolution / second = rps")
-    units.define("newton_metre = newton * meter = Nm")
+    """pint's units, with the angle as a dimension and ``Nm`` as everybody writes it."""
+    folder, lines = resources.files("pint"), []
+    for line in folder.joinpath("default_en.txt").read_text(encoding="utf-8").splitlines():
+        if line.startswith("@import"):
+            lines += folder.joinpath(line.split()[1]).read_text(encoding="utf-8").splitlines()
+        else:
+            lines.append("radian = [angle] = rad" if line.startswith("radian = []") else line)
+    units = pint.UnitRegistry(None, autoconvert_offset_to_baseunit=True, on_redefinition="ignore")
+    units.load_definitions(lines)  # defining the radian again later would leave what hangs on it as it was
+    units.define("newton_metre = newton * meter = Nm")  # in pint a measure of yarn
     return units
 
 

@@ -19,12 +19,12 @@ from cosim.master import connections as wires
 from cosim.master.fmu import FmuParticipant
 from cosim.master.parameters import find_fmu, twin_of, vehicle_parameters
 from cosim.master.participants import ModelParticipant, Participant, SimulationError
-from cosim.master.result import Result
-from cosim.master.signals import Constant, Signal
 from cosim.master.stepping import Loop, Seat, _NotFinite
 from cosim.messages import did_you_mean
+from cosim.result import Result
+from cosim.signals import Constant, Signal
 from driveline.model import Model
-from driveline.quantities import InputError
+from driveline.quantities import InputError, Variable
 
 log = logging.getLogger("cosim")
 
@@ -115,6 +115,10 @@ class Master:
         for parameter, value in (parameters or {}).items():
             self.set(f"{name}.{parameter}", value)
         return self
+
+    def variable(self, name: str) -> Variable:
+        """What is known of ``participant.variable``."""
+        return wires.find(name, self._participants)[1]
 
     def set(self, name: str, value: float | str) -> Master:
         """Set a parameter ``participant.parameter``; text is converted to its unit."""

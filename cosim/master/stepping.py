@@ -20,7 +20,7 @@ import numpy as np
 
 from cosim.master.clock import PER_SECOND, Clock
 from cosim.master.participants import Participant, SimulationError
-from cosim.master.signals import Signal
+from cosim.signals import Signal
 
 _FIRST, _LAST = 1 << 62, 1 << 61  # marks of the first and the last event, beside the bits of the rates
 

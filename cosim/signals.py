@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -192,21 +191,6 @@ def from_table(entries: dict[str, Any]) -> Signal:
     if missing:
         raise InputError(f"a signal of kind '{kind}' also needs {', '.join(missing)}")
     return KINDS[kind](**entries)
-
-
-def from_csv(path: Path, column: str, time: str = "time", unit: str = "",
-             interpolation: str = "linear") -> Table:
-    """A column of a CSV file (plain or gzip) over its time column [s]; rows without a value are left out.
-
-    Raises:
-        InputError: No such file or column, or the time does not increase.
-    """
-    from cosim.measured.tables import read_table  # the reader of measurements; only here is it needed
-
-    table = read_table(Path(path))
-    times, data = table.column(time).values, table.column(column).values
-    present = np.isfinite(times) & np.isfinite(data)
-    return Table(times=times[present], data=data[present], unit=unit, interpolation=interpolation)
 
 
 def _positive(signal: Signal, name: str) -> None:

@@ -1,0 +1,264 @@
+"""A scenario file: who takes part, what is connected to what, and what the driver does.
+
+``docs/scenarios.md`` describes the format; the files in ``cosim/scenarios`` show it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cosim import units
+from cosim.master.master import Master
+from cosim.master.parameters import find_fmu
+from cosim.measured import Comparison, Manoeuvre, compare
+from cosim.measured import load as load_measurement
+from cosim.measured.tables import read_table
+from cosim.messages import did_you_mean
+from cosim.result import Result
+from cosim.signals import KINDS, Signal, Table, from_table
+from cosim.toml import TomlFile
+from driveline.quantities import InputError
+
+SHIPPED = Path(__file__).parents[1] / "scenarios"
+
+_KEYS = {
+    "scenario": {"title": str, "step": None, "start": None, "stop": None, "order": str, "vehicle": str,
+                 "variant": str, "gear": int, "fmu": dict, "signals": dict, "connections": dict,
+                 "record": list, "record_step": None, "measurement": dict, "compare": dict},
+    "fmu": {"file": str, "twin": str, "step": None, "vehicle": str, "variant": str, "gear": int,
+            "parameters": dict},
+    "measured signal": {"kind": str, "channel": str, "interpolation": str},
+    "csv signal": {"kind": str, "file": str, "column": str, "time": str, "unit": str, "interpolation": str},
+}
+_TYPES = {str: "text", int: "a whole number", dict: "a table", list: "a list"}
+
+
+def names() -> list[str]:
+    """The scenarios that ship with the package."""
+    return sorted(path.stem for path in SHIPPED.glob("*.toml"))
+
+
+class Scenario:
+    """A scenario, read and checked as far as that is possible without its FMUs.
+
+    Args:
+        file: The scenario file.
+        overrides: ``participant.parameter`` (or input) to value; they win over the file.
+        measurement: Path that replaces the measurement the file names.
+        twins: Take every FMU's in-process twin.
+    """
+
+    def __init__(self, file: TomlFile, overrides: Mapping[str, float | str] | None = None,
+                 measurement: str | Path | None = None, twins: bool = False) -> None:
+        self._file, self._overrides, self._twins = file, dict(overrides or {}), twins
+        self.name = file.path.stem
+        table = self._table = file.table
+        self._check(table, "scenario")
+        if not table.get("fmu"):
+            raise InputError(f"{file.path}: no FMU takes part: add [fmu.plant] with file = \"plant_fom\"")
+        for name, entry in table["fmu"].items():
+            self._check(entry, "fmu", "fmu", name)
+            with file.at("fmu", name):
+                if ("file" in entry) == ("twin" in entry):
+                    raise InputError("either file (an FMU) or twin (a model in process) is needed")
+        self.title = table.get("title", self.name)
+        self.manoeuvre = self._load_manoeuvre(measurement)
+
+    @classmethod
+    def load(cls, path: str | Path, overrides: Mapping[str, float | str] | None = None,
+             measurement: str | Path | None = None, twins: bool = False) -> Scenario:
+        """Read a scenario file, or one of those that ship with the package by its name.
+
+        Raises:
+            InputError: The message names file, line and key, and what would be right.
+        """
+        path = Path(path)
+        if not path.is_file() and path.suffix != ".toml" and len(path.parts) == 1:
+            if path.name not in names():
+                raise InputError(f"there is no scenario '{path}'{did_you_mean(path.name, names())}")
+            path = SHIPPED / f"{path.name}.toml"
+        return cls(TomlFile.read(path), overrides, measurement, twins)
+
+    @property
+    def start(self) -> float:
+        """Where the run starts [s]: as said, or with the measurement, or at 0."""
+        if "start" in self._table or self.manoeuvre is None:
+            return self._seconds("start", 0.0)
+        return math.ceil(self.manoeuvre.start / self._step - 1e-6) * self._step
+
+    @property
+    def stop(self) -> float:
+        """Where it stops [s]: as said, or with the measurement."""
+        if "stop" in self._table:
+            return self._seconds("stop", 0.0)
+        if self.manoeuvre is None:
+            raise InputError(f"{self._file.path}: stop is missing: how long is the run, in s?")
+        return math.floor(self.manoeuvre.stop / self._step + 1e-6) * self._step
+
+    @property
+    def _step(self) -> float:
+        return self._seconds("step", 1e-3)
+
+    def master(self) -> Master:
+        """Everything put together and checked, ready to run.
+
+        Raises:
+            InputError: The message names file, line and key, and what would be right.
+        """
+        table, at = self._table, self._file.at
+        with at("step"):
+            step = self._step
+        with at("order"):
+            master = Master(step, table.get("order", "jacobi"))
+        for name, entry in table["fmu"].items():
+            self._add(master, name, entry)
+        for name, entry in table.get("signals", {}).items():
+            with at("signals", name):
+                master.signal(name, self._signal(name, entry))
+        connections = dict(table.get("connections", {}))
+        for name, value in self._overrides.items():
+            try:
+                self._override(master, connections, name, value)
+            except InputError as error:
+                raise InputError(f"--set {name}={value}: {error}") from error
+        for target, source in connections.items():
+            with at("connections", target):
+                if isinstance(source, bool) or not isinstance(source, str | int | float):
+                    raise InputError(f"the source is {source!r}: an output, a signal or a number is needed")
+                master.connect(source, target)
+        with at("record"):
+            master.record(*table.get("record", []),
+                          step=self._seconds("record_step", 0.0) if "record_step" in table else None)
+        provenance: dict[str, Any] = {
+            "scenario": self._file.path.name,
+            "scenario_sha256": hashlib.sha256(self._file.text.encode()).hexdigest()}
+        if self._overrides:
+            provenance["set"] = dict(self._overrides)
+        if self.manoeuvre is not None:
+            provenance["measurement"] = {"manoeuvre": self.manoeuvre.name, **self.manoeuvre.provenance}
+        return master.describe(**provenance)
+
+    def run(self, progress: Callable[[float], None] | None = None) -> Result:
+        """Put together and run; see ``Master.run``."""
+        master = self.master()
+        try:
+            return master.run(self.stop, self.start, progress)
+        except InputError as error:
+            raise InputError(f"{self._file.path}: {error}") from error
+
+    def compare(self, result: Result) -> list[Comparison]:
+        """The pairs of the file's ``[compare]``; empty without it."""
+        pairs = self._table.get("compare", {})
+        if not pairs:
+            return []
+        with self._file.at("compare"):
+            if self.manoeuvre is None:
+                raise InputError("there is no measurement to compare with: add [measurement]")
+            return compare(result, self.manoeuvre, pairs)
+
+    def _add(self, master: Master, name: str, entry: dict[str, Any]) -> None:
+        twin = entry.get("twin") or (Path(entry["file"]).stem if self._twins else None)
+        common = {key: self._table[key] for key in ("vehicle", "variant", "gear") if key in self._table}
+        if self.manoeuvre is not None and self.manoeuvre.gear is not None:
+            common.setdefault("gear", self.manoeuvre.gear)
+        options = {**common, **{key: entry[key] for key in ("vehicle", "variant", "gear") if key in entry}}
+        if "vehicle" not in options:
+            options.clear()  # without a vehicle file there is nothing to take a gear's values from
+        elif (self._file.path.parent / options["vehicle"]).is_file():
+            options["vehicle"] = str(self._file.path.parent / options["vehicle"])
+        with self._file.at("fmu", name):
+            step = units.in_unit(entry["step"], "s", "step") if "step" in entry else None
+            what = twin or find_fmu(entry["file"], self._file.path.parent)
+            master.add(name, what, step=step, twin=bool(twin), **options)
+        for parameter, value in entry.get("parameters", {}).items():
+            with self._file.at("fmu", name, "parameters", parameter):
+                if isinstance(value, dict):
+                    value = self._measured_value(value)
+                master.set(f"{name}.{parameter}", value)
+
+    def _measured_value(self, entry: dict[str, Any]) -> str:
+        """``{ measured = "vehicle_speed" }``: what was measured where the run starts."""
+        if set(entry) != {"measured"} or self.manoeuvre is None:
+            raise InputError(f"the value is {entry!r}: a number, text with a unit, or with a [measurement] "
+                             "also { measured = \"vehicle_speed\" } is needed")
+        channel = self.manoeuvre[entry["measured"]]
+        return f"{float(channel.at(self.start))!r} {channel.unit}"
+
+    def _signal(self, name: str, entry: Any) -> Signal:
+        kind = entry.get("kind") if isinstance(entry, dict) else None
+        if kind is None or kind not in (*KINDS, "measured", "csv"):
+            raise InputError(f"kind is {kind!r}{did_you_mean(str(kind), [*KINDS, 'measured', 'csv'], 20)}")
+        if kind == "measured":
+            self._check(entry, "measured signal", "signals", name)
+            if self.manoeuvre is None:
+                raise InputError("there is no measurement: add [measurement], or give one when running")
+            return self.manoeuvre[entry.get("channel", name)].as_signal(entry.get("interpolation"))
+        if kind == "csv":
+            self._check(entry, "csv signal", "signals", name)
+            if "file" not in entry or "column" not in entry:
+                raise InputError("a signal of kind 'csv' needs file and column")
+            return self._csv_signal(entry)
+        signal = from_table(entry)
+        units.parse(signal.unit)  # says so here, where the line is known, if nobody knows it
+        return signal
+
+    def _csv_signal(self, entry: dict[str, Any]) -> Table:
+        """A column over a time column [s]; rows in which either is absent are left out."""
+        table = read_table(self._file.path.parent / entry["file"])
+        column, times = table.column(entry["column"]), table.column(entry.get("time", "time")).values
+        present = np.isfinite(times) & np.isfinite(column.values)
+        return Table(times=times[present], data=column.values[present],
+                     unit=entry.get("unit", column.unit or ""),
+                     interpolation=entry.get("interpolation", "linear"))
+
+    def _override(self, master: Master, connections: dict[str, Any], name: str, value: float | str) -> None:
+        """A parameter is set; an input gets a constant in place of its source."""
+        variable = master.variable(name)
+        if variable.causality == "input":
+            connections[name] = units.in_unit(value, variable.unit, name)
+        else:
+            master.set(name, value)
+
+    def _load_manoeuvre(self, given: str | Path | None) -> Manoeuvre | None:
+        entry = self._table.get("measurement")
+        if entry is None and given is None:
+            return None
+        entry = dict(entry or {})
+        named, wanted = entry.pop("path", None), entry.pop("name", None)
+        description = entry or None  # what is left says which column is what
+        if given is not None:
+            path = Path(given)
+        elif named is not None:
+            path = self._file.path.parent / named
+        else:
+            raise InputError(f"{self._file.path} needs a measurement: give one with --measurement PATH "
+                             "(a folder with measurement.toml, or a data file)")
+        measurement = load_measurement(path, description)
+        if wanted is not None:
+            with self._file.at("measurement", "name"):
+                return measurement[wanted]
+        return measurement.manoeuvres[0]
+
+    def _seconds(self, key: str, missing: float) -> float:
+        with self._file.at(key):
+            return units.in_unit(self._table.get(key, missing), "s", key)
+
+    def _check(self, table: Any, kind: str, *keys: str) -> None:
+        """Known keys of the right type, nothing else."""
+        known = _KEYS[kind]
+        with self._file.at(*keys) if keys else self._file.at(kind):
+            if not isinstance(table, dict):
+                raise InputError(f"it is {table!r}: a table is needed")
+        for key, value in table.items():
+            with self._file.at(*keys, key):
+                if key not in known:
+                    raise InputError(f"a {kind} has no such key{did_you_mean(key, known, 20)}")
+                wanted = known[key]
+                if wanted is not None and (not isinstance(value, wanted) or isinstance(value, bool)):
+                    raise InputError(f"it is {value!r}: {_TYPES[wanted]} is needed")

@@ -1,0 +1,343 @@
+"""A measurement: a folder with ``measurement.toml`` and data files, or one data file.
+
+Every channel keeps its own clock: rows in which it is absent are left out, nothing is resampled.
+``docs/measurements.md`` describes the file for those who write one.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import re
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cosim import units
+from cosim.measured.canonical import CANONICAL
+from cosim.measured.tables import Column, DataTable, read_table
+from cosim.messages import did_you_mean
+from cosim.signals import Table
+from driveline.quantities import InputError
+
+log = logging.getLogger("cosim")
+
+KINDS = ("tip_in", "tip_out", "ramp", "step", "pulse_train", "coast_down", "cruise", "sweep", "drive",
+         "bench")
+_KEYS = {
+    "measurement": ("vehicle", "variant", "manoeuvre", "channels", "note"),
+    "manoeuvre": ("file", "kind", "gear", "name", "channels", "note", "start", "stop"),
+    "channel": ("column", "unit", "time", "factor"),
+}
+_CLOCK_RESTARTED = 1.0  # s: a jump back by more is not jitter of a logger
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One measured signal on its own clock.
+
+    Attributes:
+        name: Canonical name.
+        unit: SI unit.
+        time: Instants [s], increasing, irregular.
+        values: In ``unit``, finite, same shape.
+        source: Column and unit it came from, for messages and provenance.
+    """
+
+    name: str
+    unit: str
+    time: np.ndarray
+    values: np.ndarray
+    source: str
+
+    def gaps(self, factor: float = 5.0) -> list[tuple[float, float]]:
+        """Spans [s] without a sample, longer than ``factor`` times the median distance."""
+        distance = np.diff(self.time)
+        if not distance.size:
+            return []
+        wide = np.flatnonzero(distance > factor * np.median(distance))
+        return [(float(self.time[i]), float(self.time[i + 1])) for i in wide]
+
+    def at(self, time: np.ndarray | float) -> np.ndarray:
+        """Values at other instants [s]: linear between samples, the last one held if it is discrete."""
+        return self.as_signal().values(np.asarray(time, dtype=np.float64))
+
+    def as_signal(self, interpolation: str | None = None) -> Table:
+        """To drive an input with; ``linear`` or ``hold``, by default what suits the signal."""
+        suitable = "hold" if CANONICAL[self.name].discrete else "linear"
+        return Table(times=self.time, data=self.values, unit=self.unit,
+                     interpolation=interpolation or suitable)
+
+
+@dataclass(frozen=True)
+class Manoeuvre:
+    """One recording.
+
+    Attributes:
+        name: Its own name, or that of the file.
+        kind: One of ``KINDS``; empty where it is not said.
+        gear: The gear throughout, or None.
+        channels: By canonical name.
+        provenance: File and its SHA-256.
+        notices: What the reader had to repair or leave out.
+    """
+
+    name: str
+    kind: str
+    gear: int | None
+    channels: Mapping[str, Channel]
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    notices: tuple[str, ...] = ()
+
+    def __getitem__(self, name: str) -> Channel:
+        if name not in self.channels:
+            raise InputError(f"manoeuvre '{self.name}' has no channel '{name}'"
+                             f"{did_you_mean(name, self.channels, 20)}")
+        return self.channels[name]
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.channels
+
+    @property
+    def start(self) -> float:
+        """First instant [s] from which on all channels have values."""
+        return max(float(channel.time[0]) for channel in self.channels.values())
+
+    @property
+    def stop(self) -> float:
+        """Last instant [s] until which all channels have values."""
+        return min(float(channel.time[-1]) for channel in self.channels.values())
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """Manoeuvres of one vehicle.
+
+    Attributes:
+        name: Name of the folder or file.
+        vehicle: Name or path of the vehicle file; None where it is not said.
+        variant: Variant of the vehicle, or None.
+        manoeuvres: At least one.
+    """
+
+    name: str
+    vehicle: str | None
+    variant: str | None
+    manoeuvres: tuple[Manoeuvre, ...]
+
+    def __getitem__(self, name: str) -> Manoeuvre:
+        found = {manoeuvre.name: manoeuvre for manoeuvre in self.manoeuvres}
+        if name not in found:
+            raise InputError(f"measurement '{self.name}' has no manoeuvre '{name}'"
+                             f"{did_you_mean(name, found)}")
+        return found[name]
+
+
+def load(path: str | Path, description: Mapping[str, Any] | None = None) -> Measurement:
+    """Read a measurement.
+
+    Args:
+        path: A folder with ``measurement.toml``, that file, or one data file.
+        description: For a data file: what its ``measurement.toml`` would say, if the columns do not
+            bear canonical names; its (only) manoeuvre then needs no ``file``.
+
+    Raises:
+        InputError: Anything in it cannot be understood; the message names file, line, table or column.
+    """
+    path = Path(path)
+    if path.is_dir():
+        path = path / "measurement.toml"
+        if not path.is_file():
+            raise InputError(f"{path.parent} has no measurement.toml")
+    if not path.is_file():
+        raise InputError(f"there is no measurement {path}")
+    if path.suffix == ".toml":
+        try:
+            described = tomllib.loads(path.read_text(encoding="utf-8"))
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+            raise InputError(f"{path}: {error}") from error
+        return _described(described, str(path), path.parent, path.parent.name)
+    described = dict(description or {})
+    manoeuvres = described.get("manoeuvre") or [{}]
+    if len(manoeuvres) != 1:
+        raise InputError(f"{path} is one data file, but {len(manoeuvres)} manoeuvres are described: "
+                         "give the folder that holds all files")
+    described["manoeuvre"] = [{**manoeuvres[0], "file": path.name}]
+    return _described(described, str(path), path.parent, _stem(path))
+
+
+def _described(described: Mapping[str, Any], where: str, folder: Path, name: str) -> Measurement:
+    """A measurement from the contents of its ``measurement.toml``."""
+    _check_keys(described, "measurement", where)
+    manoeuvres = described.get("manoeuvre")
+    if not isinstance(manoeuvres, list) or not manoeuvres:
+        raise InputError(f"{where}: at least one [[manoeuvre]] is needed")
+    common = _table(described.get("channels", {}), f"{where}: channels")
+    read = tuple(_manoeuvre(_table(m, f"{where}: manoeuvre"), common, where, folder) for m in manoeuvres)
+    names = [manoeuvre.name for manoeuvre in read]
+    if len(set(names)) < len(names):
+        read = tuple(Manoeuvre(f"{m.name}_{i}", m.kind, m.gear, m.channels, m.provenance, m.notices)
+                     for i, m in enumerate(read, start=1))
+    for manoeuvre in read:
+        for notice in manoeuvre.notices:
+            log.warning("%s", notice)
+    vehicle = described.get("vehicle")
+    if isinstance(vehicle, str) and vehicle.endswith(".toml") and (folder / vehicle).is_file():
+        vehicle = str(folder / vehicle)
+    return Measurement(name, vehicle, described.get("variant"), read)
+
+
+def _manoeuvre(described: Mapping[str, Any], common: Mapping[str, Any], where: str,
+               folder: Path) -> Manoeuvre:
+    _check_keys(described, "manoeuvre", where)
+    file = described.get("file")
+    if not isinstance(file, str):
+        raise InputError(f"{where}: every [[manoeuvre]] needs file = \"...\"")
+    where = f"{where}, {file}"
+    kind, gear = described.get("kind", ""), described.get("gear")
+    if kind and kind not in KINDS:
+        raise InputError(f"{where}: kind is {kind!r}{did_you_mean(str(kind), KINDS, 20)}")
+    if gear is not None and (isinstance(gear, bool) or not isinstance(gear, int)):
+        raise InputError(f"{where}: gear is {gear!r}: a whole number is needed")
+    table = read_table(folder / file)  # an absolute path stays as it is
+    mapping = {**common, **_table(described.get("channels", {}), f"{where}: channels")}
+    if not mapping:
+        mapping = {name: {"column": name} for name in CANONICAL if name in table.names}
+        if not set(mapping) - {"time"}:
+            raise InputError(f"{table.path}: no column bears a canonical name (engine_speed, vehicle_speed "
+                             "...), so measurement.toml has to say what is what; there are "
+                             f"{', '.join(table.names)}")
+    notices: list[str] = []
+    channels = {}
+    for name, entry in mapping.items():
+        if name not in CANONICAL:
+            raise InputError(f"{where}: channels.{name} is no canonical signal"
+                             f"{did_you_mean(name, CANONICAL)}")
+        if name != "time":
+            channels[name] = _channel(name, _table(entry, f"{where}: channels.{name}"),
+                                      _table(mapping.get("time", {}), f"{where}: channels.time"),
+                                      table, where, notices)
+    span = {key: units.in_unit(described[key], "s", f"{where}: {key}")
+            for key in ("start", "stop") if key in described}
+    if span:
+        channels = {name: _within(channel, where, **span) for name, channel in channels.items()}
+    digest = hashlib.sha256(table.path.read_bytes()).hexdigest()
+    return Manoeuvre(
+        str(described.get("name", _stem(Path(file)))), str(kind), gear, channels,
+        {"file": table.path.name, "sha256": digest,
+         "channels": {name: channel.source for name, channel in channels.items()}},
+        tuple(f"{table.path.name}: {notice}" for notice in dict.fromkeys(notices)))
+
+
+def _channel(name: str, entry: Mapping[str, Any], time_entry: Mapping[str, Any], table: DataTable,
+             where: str, notices: list[str]) -> Channel:
+    """One channel in SI on its own clock; what was repaired is appended to ``notices``."""
+    where = f"{where}: channels.{name}"
+    _check_keys(entry, "channel", where)
+    columns = entry.get("column", name)
+    columns = [columns] if isinstance(columns, str) else columns
+    if not isinstance(columns, list) or not columns or not all(isinstance(c, str) for c in columns):
+        raise InputError(f"{where}: column is {entry.get('column')!r}: a name, or several to take the mean "
+                         "of, is needed")
+    read = [table.column(column) for column in columns]
+    values = np.mean([column.values for column in read], axis=0)
+    label = " and ".join(columns)
+    unit = entry.get("unit", read[0].unit)
+    if unit is None:
+        if entry.get("column") is not None and CANONICAL[name].unit != "1":
+            raise InputError(f"{where}: column '{label}' has no unit: write unit = \"...\" "
+                             f"(the canonical one is {CANONICAL[name].unit})")
+        unit = CANONICAL[name].unit
+    try:
+        factor, offset = units.conversion(str(unit), CANONICAL[name].unit)
+    except InputError as error:
+        raise InputError(f"{where}: {name} is measured in {CANONICAL[name].unit}: {error}") from error
+    values = factor * (units.in_unit(entry.get("factor", 1.0), "", f"{where}.factor") * values) + offset
+    times = _times(entry, time_entry, read[0], table, where)
+    times, values = _in_order(times, values, table, label, notices)
+    return Channel(name, CANONICAL[name].unit, times, values, f"{label} [{unit}]")
+
+
+def _times(entry: Mapping[str, Any], time_entry: Mapping[str, Any], column: Column, table: DataTable,
+           where: str) -> np.ndarray:
+    """The clock of a column [s]."""
+    named = entry.get("time", time_entry.get("column"))
+    if named is None:
+        if column.times is not None:
+            return column.times
+        if "time" not in table.names:
+            raise InputError(f"{where}: no clock: add [channels.time] with column = \"...\" and unit = \"s\""
+                             f"; {table.path.name} has {', '.join(table.names)}")
+        named = "time"
+    read = table.column(named)
+    unit = time_entry.get("unit") or read.unit or "s"
+    try:
+        factor, _ = units.conversion(unit, "s")
+    except InputError as error:
+        raise InputError(f"{where}: time: {error}") from error
+    if read.values.size != column.values.size:
+        raise InputError(f"{where}: {column.values.size} values, but its clock '{named}' has "
+                         f"{read.values.size}: name its own clock with time = \"...\"")
+    return factor * read.values
+
+
+def _in_order(times: np.ndarray, values: np.ndarray, table: DataTable, label: str,
+              notices: list[str]) -> tuple[np.ndarray, np.ndarray]:
+    """Samples that exist, in increasing time; small faults are repaired and noted."""
+    untimed = ~np.isfinite(times)
+    if untimed.any():
+        notices.append(f"{int(untimed.sum())} rows without a time were left out")
+    infinite = np.isinf(values)
+    if infinite.any():
+        notices.append(f"column '{label}': {int(infinite.sum())} infinite values were left out")
+    present = np.isfinite(values) & ~untimed
+    if not present.any():
+        raise InputError(f"{table.path}: column '{label}' holds no values")
+    rows = np.flatnonzero(present)
+    times, values = times[present], values[present]
+    back = np.diff(times) < 0.0
+    if back.any():
+        worst = int(np.argmin(np.diff(times)))
+        jump = float(times[worst] - times[worst + 1])
+        if jump > _CLOCK_RESTARTED:
+            raise InputError(f"{table.path}: the time of column '{label}' jumps back by {jump:g} s at data "
+                             f"row {rows[worst + 1] + 1}: two recordings in one file? Split it there")
+        notices.append(f"column '{label}': time steps back {int(back.sum())} times, by {jump:g} s at most; "
+                       "sorted")
+        order = np.argsort(times, kind="stable")
+        times, values = times[order], values[order]
+    again = np.diff(times, prepend=-np.inf) == 0.0
+    if again.any():
+        notices.append(f"column '{label}': {int(again.sum())} repeated instants, the first value was kept")
+        times, values = times[~again], values[~again]
+    return times, values
+
+
+def _within(channel: Channel, where: str, start: float = -np.inf, stop: float = np.inf) -> Channel:
+    inside = (channel.time >= start) & (channel.time <= stop)
+    if not inside.any():
+        raise InputError(f"{where}: {channel.name} has no values between start and stop; it runs from "
+                         f"{channel.time[0]:g} to {channel.time[-1]:g} s")
+    return Channel(channel.name, channel.unit, channel.time[inside], channel.values[inside], channel.source)
+
+
+def _check_keys(table: Mapping[str, Any], kind: str, where: str) -> None:
+    """Say so where a key has no meaning; others may keep their notes in the file, so it is no error."""
+    for key in table:
+        if key not in _KEYS[kind]:
+            log.warning("%s: '%s' has no meaning in a %s and is ignored%s", where, key, kind,
+                        did_you_mean(key, _KEYS[kind]))
+
+
+def _table(value: Any, where: str) -> Mapping[str, Any]:
+    if not isinstance(value, Mapping):
+        raise InputError(f"{where} is {value!r}: a table is needed")
+    return value
+
+
+def _stem(path: Path) -> str:
+    return re.sub(r"(\.csv)?(\.gz)?$", "", path.name) if path.suffix in (".csv", ".gz") else path.stem

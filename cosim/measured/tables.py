@@ -1,0 +1,178 @@
+"""Data files as named columns: CSV (plain or gzip), MDF4, MAT v5 and v7.3.
+
+A reader knows nothing of drivelines; ``measurement.py`` says what a column means.
+"""
+
+from __future__ import annotations
+
+import gzip
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from cosim.messages import did_you_mean
+from driveline.quantities import InputError
+
+_HEADER = re.compile(r"\s*(.*?)\s*(?:\[\s*([^\[\]]*?)\s*\])?\s*$")
+
+
+@dataclass(frozen=True)
+class Column:
+    """Numbers as they stand in the file; NaN where there is none.
+
+    Attributes:
+        values: float64, shape (rows,).
+        unit: Unit if the file says one, else None.
+        times: The column's own clock [s] if the file has one for it, else None.
+    """
+
+    values: np.ndarray
+    unit: str | None = None
+    times: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class DataTable:
+    """The columns of one file, read when they are asked for.
+
+    Attributes:
+        path: The file.
+        names: Names of the columns.
+    """
+
+    path: Path
+    names: list[str]
+    _read: Callable[[str], Column] = field(repr=False)
+
+    def column(self, name: str) -> Column:
+        """One column.
+
+        Raises:
+            InputError: No such column (those there are get named), or it does not hold numbers.
+        """
+        if name not in self.names:
+            raise InputError(f"{self.path}: there is no column '{name}'{did_you_mean(name, self.names, 20)}")
+        return self._read(name)
+
+
+def read_table(path: Path) -> DataTable:
+    """Open a data file; the ending says of which kind it is.
+
+    Raises:
+        InputError: No such file, an unknown kind, an empty or a damaged file.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(f"there is no data file {path}")
+    name = path.name.lower()
+    reader = next((reader for ending, reader in READERS.items() if name.endswith(ending)), None)
+    if reader is None:
+        raise InputError(f"{path}: unknown kind of data file; known endings: {', '.join(READERS)}")
+    return reader(path)
+
+
+def _read_csv(path: Path) -> DataTable:
+    import polars
+
+    try:
+        with (gzip.open if path.suffix == ".gz" else open)(path, "rt", encoding="utf-8-sig") as file:
+            header = file.readline()
+    except (OSError, EOFError, UnicodeDecodeError) as error:
+        raise InputError(f"{path} is not a readable CSV file: {error}") from error
+    separator = ";" if header.count(";") > header.count(",") else "\t" if "\t" in header else ","
+    try:
+        # as text first: whether a column holds numbers matters only for those that are asked for
+        frame = polars.read_csv(path, separator=separator, infer_schema=False)
+    except polars.exceptions.NoDataError as error:
+        raise InputError(f"{path} is empty: a header and rows of numbers are needed") from error
+    except polars.exceptions.PolarsError as error:
+        raise InputError(f"{path} is not a readable CSV file: {str(error).splitlines()[0]}") from error
+    if frame.height == 0:
+        raise InputError(f"{path} has a header but no rows")
+    headers = {}
+    for written in frame.columns:
+        name, unit = _HEADER.match(written).groups()
+        headers[name] = (written, unit)
+
+    def read(name: str) -> Column:
+        written, unit = headers[name]
+        text = frame[written].str.strip_chars()
+        if separator == ";":
+            text = text.str.replace(",", ".", literal=True)
+        text = text.set(text.str.to_lowercase().is_in(["", "na", "null", "none", "-"]), None)
+        numbers = text.cast(polars.Float64, strict=False)
+        wrong = (numbers.is_null() & text.is_not_null()).arg_true()
+        if wrong.len():
+            raise InputError(
+                f"{path}, line {wrong[0] + 2}, column '{name}': {text[wrong[0]]!r} is not a number")
+        return Column(numbers.fill_null(np.nan).to_numpy().astype(np.float64), unit)
+
+    return DataTable(path, list(headers), read)
+
+
+def _read_mdf(path: Path) -> DataTable:
+    try:
+        import asammdf
+    except ImportError as error:
+        raise InputError(f"{path}: MDF files need the package asammdf, pip install "
+                         "'driveline-cosim[measured]'") from error
+    try:
+        file = asammdf.MDF(path)
+    except Exception as error:  # asammdf raises many kinds for a damaged file
+        raise InputError(f"{path} is not a readable MDF file: {error}") from error
+
+    def read(name: str) -> Column:
+        try:
+            signal = file.get(name, raw=False)
+            values = np.asarray(signal.samples, dtype=np.float64)
+        except (ValueError, TypeError) as error:
+            raise InputError(f"{path}, channel '{name}': its values are not numbers") from error
+        except Exception as error:  # of asammdf's own kind: the name occurs in several groups
+            raise InputError(f"{path}, channel '{name}': {error}") from error
+        return Column(values, signal.unit or None, np.asarray(signal.timestamps, dtype=np.float64))
+
+    return DataTable(path, sorted(file.channels_db), read)
+
+
+def _read_mat(path: Path) -> DataTable:
+    import scipy.io
+
+    try:
+        return _from_arrays(path, {
+            name: values for name, values in scipy.io.loadmat(path).items() if not name.startswith("__")})
+    except NotImplementedError:
+        return _read_mat_hdf5(path)
+    except Exception as error:  # scipy raises many kinds for a damaged file
+        raise InputError(f"{path} is not a readable MAT file: {error}") from error
+
+
+def _read_mat_hdf5(path: Path) -> DataTable:
+    try:
+        import h5py
+    except ImportError as error:
+        raise InputError(f"{path}: MAT files of version 7.3 need the package h5py, pip install "
+                         "'driveline-cosim[measured]'") from error
+    try:
+        with h5py.File(path) as file:
+            arrays = {name: node[()] for name, node in file.items() if isinstance(node, h5py.Dataset)}
+    except OSError as error:
+        raise InputError(f"{path} is not a readable MAT file: {error}") from error
+    return _from_arrays(path, arrays)
+
+
+def _from_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> DataTable:
+    """The vectors among the variables of a workspace."""
+    vectors = {name: np.ravel(values) for name, values in arrays.items()
+               if np.size(values) == max(np.shape(values), default=0) and np.size(values) > 1
+               and np.issubdtype(np.asarray(values).dtype, np.number)}
+    if not vectors:
+        raise InputError(f"{path} holds no vectors of numbers")
+    return DataTable(path, list(vectors), lambda name: Column(np.asarray(vectors[name], dtype=np.float64)))
+
+
+READERS: dict[str, Callable[[Path], DataTable]] = {
+    ".csv": _read_csv, ".csv.gz": _read_csv, ".mf4": _read_mdf, ".mdf": _read_mdf, ".mat": _read_mat,
+}
