@@ -55,7 +55,6 @@ class ModelSlave(Fmi2Slave):
         self.start_time = 0.0
         self._free_by_phase = {False: self._settable("parameter", "input"), True: self._settable("input")}
         self._enter(running=False)
-        self._forward_log()
 
     def _settable(self, *causalities: str) -> dict[str, frozenset[int]]:
         """Value references of these causalities, by kind."""
@@ -73,8 +72,9 @@ class ModelSlave(Fmi2Slave):
 
     def _fail(self, error: Exception) -> NoReturn:
         """Tell the host, which logs the exception, and standard error, because it may log nothing."""
-        told = isinstance(error, ValueError | ArithmeticError) and str(error)
-        message = told or repr(error)
+        # what the model says is meant to be read; anything else is a fault of its own, whose kind matters
+        meant = isinstance(error, ValueError) or type(error) is ArithmeticError
+        message = str(error) if meant else repr(error)
         print(f"{self.instance_name}: {message}", file=sys.stderr)
         # The native layer now releases class, instance and log queue, yet keeps and uses the pointers.
         for lent in (type(self), self, self.log_queue):
@@ -82,6 +82,11 @@ class ModelSlave(Fmi2Slave):
         raise SlaveError(message) from error
 
     def _forward_log(self) -> None:
+        """Pass on the model's messages; never from the constructor.
+
+        The native layer empties the queue after every call but the instantiation. What waits in it
+        when the instance is freed goes to a logger that is gone by then: the process would die.
+        """
         for message in self.model.log:
             self.log(message, Fmi2Status.warning)
         self.model.log.clear()
@@ -90,6 +95,9 @@ class ModelSlave(Fmi2Slave):
 
     def setup_experiment(self, start_time: float, *_: Any) -> None:
         self.start_time = start_time
+
+    def enter_initialization_mode(self) -> None:
+        self._forward_log()
 
     def exit_initialization_mode(self) -> None:
         try:

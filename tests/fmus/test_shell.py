@@ -144,6 +144,12 @@ def test_the_models_messages_reach_the_log(toy, load):
     assert host.messages == [(1, "no compiled kernel: running in plain Python")]
 
 
+def test_an_instance_can_be_freed_at_once(toy, load):
+    """The model's messages wait in the model: queued, they would reach a logger that is freed already."""
+    for _ in range(3):
+        load(toy.fmu).freeInstance()
+
+
 def test_restored_snapshot_goes_on_with_the_same_bits(toy, load):
     host = load(toy.fmu)
     host.initialize(force=3.0)

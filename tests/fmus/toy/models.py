@@ -29,6 +29,7 @@ class SprungMass(Model):
         super().__init__()
         for name, value in defaults.items():
             self[name] = value
+        self.log.append("no compiled kernel: running in plain Python")
 
     def _prepare(self) -> None:
         self.state = self.values[:3] * 0.0  # position, velocity, and the number of steps so far
@@ -36,7 +37,6 @@ class SprungMass(Model):
 
     def _initialize(self, start_time: float) -> None:
         self.state[:] = 0.0
-        self.log.append("no compiled kernel: running in plain Python")
         self._show()
 
     def retune(self) -> None:
