@@ -10,6 +10,7 @@ import ctypes
 import hashlib
 import logging
 import tempfile
+import weakref
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -125,8 +126,10 @@ class FmuParticipant:
                 known = declared.get(v.name)
                 depends_on = inputs if known is None else tuple(
                     d.name for d in known if d.causality == "input")
-            unit = v.unit or (v.declaredType.unit if v.declaredType else None) or ""
             kind = _KINDS[v.type]
+            # only reals can declare a unit in FMI 2.0; the others count
+            unit = v.unit or (v.declaredType.unit if v.declaredType else None) or (
+                "" if kind == "real" else "1")
             start = v.start if kind == "string" else _number(v.start)
             variables[v.name] = Variable(
                 v.name, unit=unit, meaning=v.description or "", causality=v.causality or "local",
@@ -140,10 +143,11 @@ class FmuParticipant:
         self._fatal = False
         self._said.clear()
         try:
+            _open[self.name] = self
             self._slave = FMU2Slave(
                 guid=self.description.guid, unzipDirectory=str(self._folder), instanceName=self.name,
                 modelIdentifier=self.description.coSimulation.modelIdentifier)
-            self._slave.instantiate(callbacks=self._callbacks(), loggingOn=True)
+            self._slave.instantiate(callbacks=_callbacks, loggingOn=True)
         except Exception as error:  # FMPy raises plain exceptions for whatever fails here
             hint = ""
             if any(character in str(self._folder) for character in _FOLDER_CHARACTERS_THAT_BREAK):
@@ -222,25 +226,32 @@ class FmuParticipant:
         if not self._fatal:
             slave.freeInstance()
 
-    def _callbacks(self) -> fmi2CallbackFunctions:
-        def logger(_environment: int, _instance: bytes, status: int, category: bytes, message: bytes) -> None:
-            text = (message or b"").decode("utf-8", "replace").strip()
-            if status > 0:
-                self._said.append(text)
-            log.log(_LEVELS[status] if 0 <= status < len(_LEVELS) else logging.ERROR,
-                    "%s: %s", self.name, text)
-
-        callbacks = fmi2CallbackFunctions()
-        callbacks.logger = fmi2CallbackLoggerTYPE(logger)
-        callbacks.allocateMemory = fmi2CallbackAllocateMemoryTYPE(fmpy.calloc)
-        callbacks.freeMemory = fmi2CallbackFreeMemoryTYPE(fmpy.free)
-        addLoggerProxy(ctypes.byref(callbacks))  # formats the message before it reaches Python
-        return callbacks
+    def hear(self, status: int, message: str) -> None:
+        """Called with whatever the FMU logs."""
+        if status > 0:
+            self._said.append(message)
+        level = _LEVELS[status] if 0 <= status < len(_LEVELS) else logging.ERROR
+        log.log(level, "%s: %s", self.name, message)
 
     def _words(self) -> str:
         """What the FMU last said about its trouble, on one line."""
         return " ".join(self._said[-1].split()) if self._said else ""
 
+
+_open: weakref.WeakValueDictionary[str, FmuParticipant] = weakref.WeakValueDictionary()
+
+
+def _pass_on(_environment: int, instance: bytes, status: int, _category: bytes, message: bytes) -> None:
+    """FMPy's proxy formats messages natively, but holds one logger a process: find its owner by name."""
+    if (participant := _open.get((instance or b"").decode())) is not None:
+        participant.hear(status, (message or b"").decode("utf-8", "replace").strip())
+
+
+_callbacks = fmi2CallbackFunctions()
+_callbacks.logger = fmi2CallbackLoggerTYPE(_pass_on)
+_callbacks.allocateMemory = fmi2CallbackAllocateMemoryTYPE(fmpy.calloc)
+_callbacks.freeMemory = fmi2CallbackFreeMemoryTYPE(fmpy.free)
+addLoggerProxy(ctypes.byref(_callbacks))
 
 _TYPES = {"real": (ctypes.c_double, "Real"), "integer": (ctypes.c_int, "Integer"),
           "boolean": (ctypes.c_int, "Boolean")}

@@ -110,6 +110,9 @@ class Master:
         if vehicle is not None:
             model = getattr(participant, "model_name", None) or str(getattr(what, "name", what))
             values.update(vehicle_parameters(model, vehicle, variant, gear))
+            if strange := values.keys() - participant.variables.keys():
+                raise InputError(f"{name}: the vehicle file gives {min(strange)}, which the FMU does not "
+                                 "have: it was built from other sources, run `driveline build`")
         period = self._step if step is None else clocks.step_length(step, f"step of {name}")
         self._members[name] = _Member(participant, period, values)
         for parameter, value in (parameters or {}).items():
@@ -367,18 +370,20 @@ class Master:
 
     def _recorded_names(self) -> list[str]:
         """What is recorded, in the order asked for, each once."""
-        everything = [name for name in self._signals if not name.startswith("=")] + [
-            f"{name}.{v.name}" for name, p in self._participants.items() for v in p.variables.values()
-            if v.kind != "string"]
+        named = [name for name in self._signals if not name.startswith("=")]
+        variables = {f"{name}.{v.name}": v for name, p in self._participants.items()
+                     for v in p.variables.values() if v.kind != "string"}
+        everything = [*named, *variables]
+        matched = [*named, *(name for name, v in variables.items() if v.causality in ("input", "output"))]
         if not self._record:
             outputs = _outputs(self._participants)
             return [name for name in everything if name in outputs or "." not in name]
         chosen: dict[str, None] = {}
         for pattern in self._record:
-            if pattern in everything:
-                chosen[pattern] = None  # before matching: the brackets of table entries are no pattern
+            if pattern in everything:  # parameters and internal variables only by their full name
+                chosen[pattern] = None
                 continue
-            matches = fnmatch.filter(everything, pattern.replace("[", "[[]"))
+            matches = fnmatch.filter(matched, pattern.replace("[", "[[]"))
             if not matches:
                 raise InputError(f"nothing to record is called '{pattern}'"
                                  f"{did_you_mean(pattern, everything)}")

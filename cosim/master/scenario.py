@@ -16,12 +16,12 @@ import numpy as np
 from cosim import units
 from cosim.master.master import Master
 from cosim.master.parameters import find_fmu
-from cosim.measured import Comparison, Manoeuvre, compare
+from cosim.measured import CANONICAL, Comparison, Manoeuvre, compare
 from cosim.measured import load as load_measurement
 from cosim.measured.tables import read_table
 from cosim.messages import did_you_mean
 from cosim.result import Result
-from cosim.signals import KINDS, Signal, Table, from_table
+from cosim.signals import KINDS, Constant, Signal, Table, from_table
 from cosim.toml import TomlFile
 from driveline.quantities import InputError
 
@@ -33,7 +33,7 @@ _KEYS = {
                  "record": list, "record_step": None, "measurement": dict, "compare": dict},
     "fmu": {"file": str, "twin": str, "step": None, "vehicle": str, "variant": str, "gear": int,
             "parameters": dict},
-    "measured signal": {"kind": str, "channel": str, "interpolation": str},
+    "measured signal": {"kind": str, "channel": str, "interpolation": str, "above": None, "missing": None},
     "csv signal": {"kind": str, "file": str, "column": str, "time": str, "unit": str, "interpolation": str},
 }
 _TYPES = {str: "text", int: "a whole number", dict: "a table", list: "a list"}
@@ -196,9 +196,7 @@ class Scenario:
             raise InputError(f"kind is {kind!r}{did_you_mean(str(kind), [*KINDS, 'measured', 'csv'], 20)}")
         if kind == "measured":
             self._check(entry, "measured signal", "signals", name)
-            if self.manoeuvre is None:
-                raise InputError("there is no measurement: add [measurement], or give one when running")
-            return self.manoeuvre[entry.get("channel", name)].as_signal(entry.get("interpolation"))
+            return self._measured_signal(entry.get("channel", name), entry)
         if kind == "csv":
             self._check(entry, "csv signal", "signals", name)
             if "file" not in entry or "column" not in entry:
@@ -207,6 +205,19 @@ class Scenario:
         signal = from_table(entry)
         units.parse(signal.unit)  # says so here, where the line is known, if nobody knows it
         return signal
+
+    def _measured_signal(self, name: str, entry: dict[str, Any]) -> Signal:
+        """A channel; with ``above`` a switch that is 1 while the channel is above that value."""
+        if self.manoeuvre is None:
+            raise InputError("there is no measurement: add [measurement], or give one when running")
+        if name not in self.manoeuvre and "missing" in entry and name in CANONICAL:
+            unit = CANONICAL[name].unit
+            return Constant(value=units.in_unit(entry["missing"], unit, "missing"), unit=unit)
+        channel = self.manoeuvre[name]
+        if "above" not in entry:
+            return channel.as_signal(entry.get("interpolation"))
+        above = channel.values > units.in_unit(entry["above"], channel.unit, "above")
+        return Table(times=channel.time, data=above.astype(np.float64), unit="1", interpolation="hold")
 
     def _csv_signal(self, entry: dict[str, Any]) -> Table:
         """A column over a time column [s]; rows in which either is absent are left out."""

@@ -1,0 +1,5 @@
+"""Pictures; the only place that knows matplotlib."""
+
+from cosim.report.plots import plot_comparison, plot_signals
+
+__all__ = ["plot_comparison", "plot_signals"]
