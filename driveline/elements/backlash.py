@@ -40,14 +40,16 @@ def lash_guard(mode, twist, shaft_twist, rate, stiffness, damping, half_gap):
     """Positive where the contact mode has ended.
 
     In contact: the torque [N.m] has reversed. In the gap: the lash angle is at a flank *and*
-    still presses outward, so that a flank just left is not met again by rounding.
+    still presses outward, so that a flank just left is not met again by rounding. The lash angle's
+    rate has the sign of k psi + c psi'; without damping it is the twist's rate itself.
     """
     torque = stiffness * shaft_twist + damping * rate
     if mode > 0.0:
         return -torque
     if mode < 0.0:
         return torque
+    outward = torque if damping > 0.0 else rate
     lash = twist - shaft_twist
     if lash >= 0.0:
-        return min(lash - half_gap, torque)
-    return min(-half_gap - lash, -torque)
+        return min(lash - half_gap, outward)
+    return min(-half_gap - lash, -outward)

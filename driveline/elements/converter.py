@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 from ..kernels.backend import kernel
-from ..quantities import quantity
+from ..quantities import InputError, quantity
 
 POINTS = 11
 
@@ -20,6 +21,14 @@ class Converter:
     torque_ratio: tuple[float, ...] = quantity("1", "turbine torque over impeller torque", minimum=0.0)
     capacity: tuple[float, ...] = quantity(
         "N.m.s2/rad2", "impeller torque over impeller speed squared", minimum=0.0, nominal=1e-3)
+
+    def __post_init__(self) -> None:
+        for name in ("speed_ratio", "torque_ratio", "capacity"):
+            if len(getattr(self, name)) != POINTS:
+                raise InputError(
+                    f"converter.{name} has {len(getattr(self, name))} entries: {POINTS} are needed")
+        if any(low >= high for low, high in pairwise(self.speed_ratio)):
+            raise InputError("converter.speed_ratio must ascend from entry to entry")
 
 
 @kernel

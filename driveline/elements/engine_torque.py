@@ -13,10 +13,9 @@ Source: thesis section 2.1.1 (base path, instantaneous path, torque uncertainty)
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import tanh
-
 from ..kernels.backend import kernel
 from ..quantities import quantity
+from .fade import fade
 
 # Below about this speed [rad/s] friction, accessories and disturbances fade out: a standing
 # engine is turned by nothing.
@@ -46,7 +45,7 @@ class EngineTorque:
 @kernel
 def engine_friction(speed, constant, viscous):
     """Friction torque of the running engine [N.m], fading out at standstill."""
-    return constant * tanh(speed / FADE_SPEED) + viscous * speed
+    return constant * fade(speed / FADE_SPEED) + viscous * speed
 
 
 @kernel

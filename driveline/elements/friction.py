@@ -39,9 +39,10 @@ def friction_torque(mode, slip, capacity, drag):
 
 @kernel
 def friction_guard(mode, slip, torque, capacity, static_capacity):
-    """Positive where the mode has ended: slip reversed, or the sticking torque too large."""
+    """Positive where the mode has ended: slip reversed, or the sticking torque too large.
+
+    An open clutch follows its slip as well, so that the sign is right when its capacity returns.
+    """
     if mode == 0.0:
         return abs(torque) - static_capacity
-    if capacity <= 0.0:
-        return -1.0
     return -mode * slip

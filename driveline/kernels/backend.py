@@ -5,12 +5,13 @@ compiled library exports: annotated arguments, arrays before scalars, a status a
 
 What a kernel may contain, so that both ways give the same numbers:
 
-- ``for``, ``while``, ``if``, float and int arithmetic, ``math``, ``abs``, ``min``, ``max``,
-  ``len``; calls of other kernels by their global name; module-level int and float constants;
-  tuples as results. One variable keeps one type: start a float with ``0.0``, not ``0``.
+- ``for``, ``while``, ``if``, float and int arithmetic, ``math``, ``abs``, ``min``, ``max``;
+  calls of other kernels by their global name; module-level int and float constants; tuples as
+  results. One variable keeps one type: start a float with ``0.0``, not ``0``.
 - Arrays are one-dimensional and only read and written an item at a time, with an offset passed
-  beside them (``state[at + 3]``). The plain run sees them as memory views, which are three times
-  as fast as numpy there but know no ``.size``, no slices assigned from a scalar, no arithmetic.
+  beside them (``state[at + 3]``). The plain run sees them as memory views, three times as fast as
+  numpy there; compiled code does not know their length. So neither has ``len``, ``.size``, slices,
+  iteration or arithmetic: counts are passed in.
 - No allocation, no exceptions, no strings, no containers. The build refuses what needs Python.
 - Squares are written ``x * x``: ``**`` and ``pow`` round differently in the two, and are refused;
   so are functions whose result Python computes in its own way (``math.hypot``, ``math.gamma``).
@@ -95,8 +96,8 @@ def reached_kernels(functions: list[Callable]) -> list[Callable]:
     """The given kernels and all kernels they call, in a fixed order.
 
     Raises:
-        TypeError: A kernel calls a Python function that is not marked as one, raises to a power or
-            uses a module-level array.
+        TypeError: A kernel calls a Python function that is not marked as one, raises to a power, asks
+            for a length or uses a module-level array.
     """
     found: list[Callable] = []
     waiting = list(functions)
@@ -108,6 +109,8 @@ def reached_kernels(functions: list[Callable]) -> list[Callable]:
         operators = {instruction.argrepr for instruction in dis.get_instructions(function)}
         if {"**", "**="} & operators or "pow" in function.__code__.co_names:
             raise TypeError(f"kernel {function.__name__} raises to a power: multiply, or use exp and log")
+        if "len" in function.__code__.co_names:
+            raise TypeError(f"kernel {function.__name__} asks for a length: pass the count in")
         for name in function.__code__.co_names:
             used = function.__globals__.get(name)
             if isinstance(used, np.ndarray):

@@ -19,7 +19,6 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterable
-from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -133,6 +132,8 @@ def _cache() -> Path:
 
 def _fingerprint() -> str:
     """Digest of all that decides the library's content: code, constants, compiler, recipe."""
+    from importlib.metadata import version  # slow to import, and a payload never asks
+
     digest = hashlib.sha256()
     for tool in ("numba", "llvmlite", "ziglang"):
         digest.update(f"{tool} {version(tool)} ".encode())
@@ -191,7 +192,7 @@ class Entry:
                                 f"{DTYPES[kind]}")
         if self.backend == "python":
             return functools.partial(self._function, *(memoryview(array) for array in arrays))
-        table = np.array([(array.ctypes.data, array.size) for array in arrays], dtype=np.int64)
+        table = np.array([array.ctypes.data for array in arrays], dtype=np.uintp)
         bound = functools.partial(self._function, table.ctypes.data)
         bound.keep_alive = (table, arrays)
         return bound

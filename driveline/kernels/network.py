@@ -19,12 +19,13 @@ part of Python that compiles ahead of time; it also runs as it stands.
 
 from __future__ import annotations
 
-from math import cos, sin, tanh
+from math import cos, sin
 
 from ..elements.backlash import lash_guard, lash_relaxation, lash_torque
 from ..elements.converter import converter_torques
 from ..elements.engine_torque import FADE_SPEED, engine_friction, indicated_target
 from ..elements.friction import friction_guard, friction_torque
+from ..elements.fade import fade
 from ..elements.mesh_loss import loss_torque
 from ..elements.road_load import aerodynamic_force
 from ..elements.shaft import shaft_torque
@@ -56,9 +57,9 @@ BRANCH_COLUMNS = 8
  INERTIA, GEAR_VALUES, CHANNEL_VALUES, SECTION_VALUES,
  STATE_MODES, STATE_CLOCK, STATE_QUEUE, STATE_SECTIONS, STATE_CHANNELS,
  GEAR_INPUT, DELAYED_INPUT, GRADE_INPUT, FILTERED_OUTPUT, SHIFT_LAG, GEARSET_NODE, GEARSET_BRANCH,
- FILTER_TARGET, SEED,
- ) = range(37)
-HEADER = 37
+ FILTER_TARGET, SEED, SWITCHES, SWITCH_TABLE,
+ ) = range(39)
+HEADER = 39
 
 # Columns of a CAN channel in `plan`: the output it samples, the output it shows, its place in
 # `state`, its parameters and its jitter table in `constants`.
@@ -174,7 +175,7 @@ def rates(plan, work, y, dy, signal, torque, torque_b, modes, matrix):
             if work[p + 11] > 0.0:
                 air = work[x]
                 work[dx] = (target - air) / work[p + 11]
-            running = tanh(rate / FADE_SPEED)
+            running = fade(rate / FADE_SPEED)
             drive = (work[p + 2] * work[signal + plan[row + SIGNAL]] * air
                      + running * (work[p + 3] + work[p + 4] * work[signal + NOISE]))
             drag = friction + work[p + 7] * running
@@ -276,16 +277,13 @@ def stick(plan, work, dy, torque, torque_b, matrix, stuck):
 
 @kernel
 def guard(plan, work, y, signal, torque, modes, b):
-    """Positive where branch ``b`` must leave its mode; -1 for a branch without modes."""
+    """Positive where branch ``b``, a lash or dry friction, must leave its mode."""
     row = plan[BRANCH_TABLE] + b * BRANCH_COLUMNS
-    law = plan[row + LAW]
-    if law != LASH and law != FRICTION:
-        return -1.0
     p = plan[row + PARAMETER]
     rate = work[p] * work[y + plan[row + NODE_A]]
     if plan[row + NODE_B] >= 0:
         rate -= work[p + 1] * work[y + plan[row + NODE_B]]
-    if law == LASH:
+    if plan[row + LAW] == LASH:
         x = y + plan[row + TWIST]
         return lash_guard(work[modes + b], work[x], work[x + 1], rate,
                           work[p + 2], work[p + 3], work[p + 4])
@@ -299,20 +297,20 @@ def guard(plan, work, y, signal, torque, modes, b):
 def largest_guard(plan, work, y, signal, torque, modes):
     """The largest guard of all branches: positive where some mode must change."""
     largest = -1.0
-    for b in range(plan[BRANCHES]):
-        row = plan[BRANCH_TABLE] + b * BRANCH_COLUMNS
-        law = plan[row + LAW]
-        if law == LASH or law == FRICTION:
-            value = guard(plan, work, y, signal, torque, modes, b)
-            if value > largest:
-                largest = value
+    table = plan[SWITCH_TABLE]
+    for i in range(plan[SWITCHES]):
+        value = guard(plan, work, y, signal, torque, modes, plan[table + i])
+        if value > largest:
+            largest = value
     return largest
 
 
 @kernel
 def switch_modes(plan, work, y, dy, signal, torque, torque_b, modes, matrix):
     """Change the mode of every branch whose guard is positive; refresh the rates."""
-    for b in range(plan[BRANCHES]):
+    table = plan[SWITCH_TABLE]
+    for i in range(plan[SWITCHES]):
+        b = plan[table + i]
         row = plan[BRANCH_TABLE] + b * BRANCH_COLUMNS
         if guard(plan, work, y, signal, torque, modes, b) <= 0.0:
             continue
@@ -377,7 +375,9 @@ def try_step(plan, work, y, first, h, target, rate, signal, torque, torque_b, mo
     for i in range(n):
         work[target + i] += h / 6.0 * work[rate + i]
     # The shaft of an open lash springs back by its own exact solution.
-    for b in range(plan[BRANCHES]):
+    table = plan[SWITCH_TABLE]
+    for i in range(plan[SWITCHES]):
+        b = plan[table + i]
         row = plan[BRANCH_TABLE] + b * BRANCH_COLUMNS
         if plan[row + LAW] == LASH and work[modes + b] == 0.0:
             p = plan[row + PARAMETER]

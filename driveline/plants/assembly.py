@@ -344,6 +344,8 @@ class Assembly:
         plan[k.NODES], plan[k.BRANCHES], plan[k.CONTINUOUS] = n_nodes, n_branches, n
         plan[k.LAGS], plan[k.INTEGRALS], plan[k.TERMS] = len(lag_rows), len(integral_rows), len(term_rows)
         plan[k.OUTPUTS], plan[k.GEAR_ROWS], plan[k.INPUTS] = len(names), len(gear_rows), len(self.inputs)
+        switches = [b for b, row in enumerate(rows) if row[0] in (k.LASH, k.FRICTION)]
+        plan[k.SWITCHES] = len(switches)
         plan[k.CHANNELS], plan[k.SECTIONS] = len(channel_rows), len(self.sections)
         plan[k.ACTIVE_SIZE], plan[k.GEARS], plan[k.INERTIA] = len(active), self.gears, inertia
         plan[k.GEAR_VALUES], plan[k.SECTION_VALUES] = gear_values, section_values
@@ -359,7 +361,7 @@ class Assembly:
         for role, table_rows in (
                 (k.BRANCH_TABLE, rows), (k.LAG_TABLE, lag_rows), (k.INTEGRAL_TABLE, integral_rows),
                 (k.TERM_TABLE, term_rows), (k.GEAR_TABLE, [[place] for place, _ in gear_rows]),
-                (k.CHANNEL_TABLE, channel_rows)):
+                (k.CHANNEL_TABLE, channel_rows), (k.SWITCH_TABLE, [[b] for b in switches])):
             plan[role] = size
             part = np.array(table_rows, dtype=np.int64).ravel()
             parts.append(part)

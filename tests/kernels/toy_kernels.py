@@ -27,9 +27,9 @@ def halve(values, at):
 
 
 @entry_point
-def toy_operations(x: F8, y: F8, result: F8) -> int:
-    """RESULTS results of each pair of ``x`` and ``y``; the status is the number of pairs."""
-    for i in range(len(x)):
+def toy_operations(x: F8, y: F8, result: F8, count: int) -> int:
+    """RESULTS results of each of ``count`` pairs of ``x`` and ``y``; the status is their number."""
+    for i in range(count):
         a = x[i]
         b = y[i]
         sine, bell = sine_and_bell(a)
@@ -68,14 +68,14 @@ def toy_operations(x: F8, y: F8, result: F8) -> int:
         result[at + 27] = (m * 2654435769 & MASK) >> 7
         result[at + 28] = (m ^ n) & 0xFFFF
         result[at + 29] = PIECES[0] * a + PIECES[1]
-    return len(x)
+    return count
 
 
 @entry_point
-def toy_run(values: F8, counts: I8, step: float, times: int) -> int:
+def toy_run(values: F8, counts: I8, step: float, times: int, size: int) -> int:
     """Advance ``values`` in place; the status says whether a value left -10 to 10."""
     for _ in range(times):
-        for i in range(len(values)):
+        for i in range(size):
             values[i] += step * math.cos(values[i])
             counts[i] += halve(values, i)
             if abs(values[i]) > 10.0:
