@@ -168,20 +168,24 @@ class Plant(Model):
         start = net.plan[k.BRANCH_TABLE]
         return net.plan[start:start + len(net.branches) * k.BRANCH_COLUMNS].reshape(-1, k.BRANCH_COLUMNS)
 
-    def branch_rates(self) -> np.ndarray:
-        """Rate of every branch at the present state [rad/s or m/s]."""
+    def kinematics(self) -> np.ndarray:
+        """Branches x nodes: the matrix that gives each branch's rate from the speeds, in this gear."""
         net = self.network
         constants = net.constants.copy()
         if net.plan[k.GEARS]:
             gear = int(self.state[net.plan[k.STATE_CLOCK] + k.GEAR])
             k.apply_gear(net.plan, constants, net.constants, gear)
-        rates = np.zeros(len(net.branches))
+        matrix = np.zeros((len(net.branches), len(net.nodes)))
         for b, row in enumerate(self._branch_rows()):
             p = row[k.PARAMETER]
-            rates[b] = constants[p] * self.state[row[k.NODE_A]]
+            matrix[b, row[k.NODE_A]] = constants[p]
             if row[k.NODE_B] != GROUND:
-                rates[b] -= constants[p + 1] * self.state[row[k.NODE_B]]
-        return rates
+                matrix[b, row[k.NODE_B]] = -constants[p + 1]
+        return matrix
+
+    def branch_rates(self) -> np.ndarray:
+        """Rate of every branch at the present state [rad/s or m/s]."""
+        return self.kinematics() @ self.state[:len(self.network.nodes)]
 
     def _set_modes(self) -> None:
         """Friction sticks where nothing slips; lashes begin on the driving flank."""
@@ -217,7 +221,9 @@ class Plant(Model):
         """Twists, torques and tyre slip of steady rolling: every node accelerates with the vehicle.
 
         Newton's method on the rates. The vehicle keeps its speed; all other speeds may leave the
-        rolling ones by the tyres' slip. Lashes lie on the flank their torque asks for.
+        rolling ones by the tyres' slip. Clutches that stick do not slip: their torques fix only
+        accelerations, so the speeds need equations of their own. Lashes lie on the flank their
+        torque asks for.
         """
         net = self.network
         n_nodes = len(net.nodes)
@@ -230,13 +236,16 @@ class Plant(Model):
         body = net.nodes[self.body]
         unknown = [i for i in range(n_nodes) if i != body] + twisted + engine
         shape = speeds / speeds[body]
+        stuck = [b for b, r in enumerate(rows) if r[k.LAW] == k.FRICTION and self.state[net.modes][b] == 0.0]
+        slips = self.kinematics()[stuck]
 
         def residual(x: np.ndarray) -> np.ndarray:
             self.state[unknown] = x[:-1]
             for b in lashes:  # the rate of the shaft's own twist
                 self.state[first[b]] = self.state[first[b] + 1]
             rates, _ = self.rates()
-            return np.concatenate([rates[:n_nodes] - shape * x[-1], rates[twisted], rates[engine]])
+            return np.concatenate([rates[:n_nodes] - shape * x[-1], rates[twisted], rates[engine],
+                                   slips @ self.state[:n_nodes]])
 
         for _ in range(3):
             x = np.append(self.state[unknown], 0.0)
