@@ -117,9 +117,14 @@ class Plant(Model):
 
         Returns:
             steps x number of outputs, at the end of each step.
+
+        Raises:
+            InputError: The step is not a positive length, or an input is not possible; nothing moved.
+            ArithmeticError: As ``step``.
         """
         net = self.network
         inputs = np.ascontiguousarray(inputs, dtype=np.float64)
+        self._check_rows(inputs, dt)
         outputs = np.empty((inputs.shape[0], len(self.output_variables)))
         run = self._kernel.bind(
             self.state, net.plan, net.constants, net.work, inputs.reshape(-1), outputs.reshape(-1))
@@ -129,6 +134,21 @@ class Plant(Model):
         self._inputs[:] = inputs[-1]
         self._outputs[:] = outputs[-1]
         return outputs
+
+    def _check_rows(self, inputs: np.ndarray, dt: float) -> None:
+        if not 0.0 < dt < float("inf"):
+            raise InputError(f"the communication step is {dt:g} s: a positive length is needed")
+        if inputs.ndim != 2 or inputs.shape[1] != len(self.inputs) or not len(inputs):
+            raise InputError(f"the inputs have shape {inputs.shape}: (steps, {len(self.inputs)}) is needed")
+        bad = ~((inputs >= self._lower[:len(self.inputs)]) & (inputs <= self._upper[:len(self.inputs)])
+                & np.isfinite(inputs))
+        for i, variable in enumerate(self.inputs):
+            suspects = np.unique(inputs[:, i]) if variable.kind != "real" else inputs[bad[:, i], i][:1]
+            for value in suspects:
+                variable.check(float(value))
+        if self.network.plan[k.GEARS]:
+            for gear in np.unique(inputs[:, self.network.plan[k.GEAR_INPUT]]):
+                self._require_gear(int(gear))
 
     # -- gears ----------------------------------------------------------------------------------
 
@@ -140,15 +160,18 @@ class Plant(Model):
         if not net.plan[k.GEARS]:
             return
         gear = int(self._inputs[net.plan[k.GEAR_INPUT]])
-        if gear != int(self.state[net.plan[k.STATE_CLOCK] + k.GEAR]) and not self._gear_exists(gear):
+        if gear != int(self.state[net.plan[k.STATE_CLOCK] + k.GEAR]):
+            self._require_gear(gear)
+
+    def _require_gear(self, gear: int) -> None:
+        if not self._gear_exists(gear):
             raise InputError(f"gear is {gear}: the ratio table has no such gear")
 
     def _set_gear(self) -> None:
         net = self.network
         if net.plan[k.GEARS]:
             gear = int(self._inputs[net.plan[k.GEAR_INPUT]])
-            if not self._gear_exists(gear):
-                raise InputError(f"gear is {gear}: the ratio table has no such gear")
+            self._require_gear(gear)
             self.state[net.plan[k.STATE_CLOCK] + k.GEAR] = gear
 
     # -- the state at the start -----------------------------------------------------------------
