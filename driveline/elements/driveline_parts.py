@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..quantities import quantity
+from ..quantities import InputError, quantity
 from .shaft import Bushing, Shaft
 
 
@@ -37,6 +37,12 @@ class Transmission(Shaft):
     half_gap: float = quantity("rad", "half the total lash, at the input", minimum=0.0, maximum=1.0)
     shift_capacity: float = quantity("N.m", "torque capacity of the engaged shift element, at the input", minimum=1.0)
     shift_lag: float = quantity("s", "first-order lag of the oncoming shift element", minimum=0.0)
+
+    def __post_init__(self) -> None:
+        for name in ("inertia", "loss_constant", "loss_viscous", "loss_fraction"):
+            if len(getattr(self, name)) != len(self.ratio):
+                raise InputError(f"transmission.{name} has {len(getattr(self, name))} entries: "
+                                 f"transmission.ratio has {len(self.ratio)}")
 
 
 @dataclass(frozen=True)
