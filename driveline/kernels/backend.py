@@ -96,8 +96,8 @@ def reached_kernels(functions: list[Callable]) -> list[Callable]:
     """The given kernels and all kernels they call, in a fixed order.
 
     Raises:
-        TypeError: A kernel calls a Python function that is not marked as one, raises to a power, asks
-            for a length or uses a module-level array.
+        TypeError: A kernel calls a Python function that is not marked as one, or breaks a rule whose
+            breach would compile, to other numbers.
     """
     found: list[Callable] = []
     waiting = list(functions)
@@ -106,11 +106,9 @@ def reached_kernels(functions: list[Callable]) -> list[Callable]:
         if function in found:
             continue
         found.append(function)
-        operators = {instruction.argrepr for instruction in dis.get_instructions(function)}
-        if {"**", "**="} & operators or "pow" in function.__code__.co_names:
-            raise TypeError(f"kernel {function.__name__} raises to a power: multiply, or use exp and log")
-        if "len" in function.__code__.co_names:
-            raise TypeError(f"kernel {function.__name__} asks for a length: pass the count in")
+        broken = _broken_rule(function)
+        if broken:
+            raise TypeError(f"kernel {function.__name__} {broken}")
         for name in function.__code__.co_names:
             used = function.__globals__.get(name)
             if isinstance(used, np.ndarray):
@@ -120,6 +118,23 @@ def reached_kernels(functions: list[Callable]) -> list[Callable]:
                     raise TypeError(f"kernel {function.__name__} calls {name}, which is not a @kernel")
                 waiting.append(used)
     return found
+
+
+def _broken_rule(function: Callable) -> str:
+    """What in a kernel would give other numbers compiled, and what to write instead; "" if nothing."""
+    before = None
+    for step in dis.get_instructions(function):
+        if step.argrepr in ("**", "**=") or step.argval == "pow":
+            return "raises to a power: multiply, or use exp and log"
+        if step.argval == "len":
+            return "asks for a length: pass the count in"
+        if "SLICE" in step.opname or isinstance(step.argval, slice):
+            return "slices an array: pass an offset beside it"
+        if "SUBSCR" in step.opname or step.argrepr == "[]":
+            if "CONST" in before.opname and isinstance(before.argval, int) and before.argval < 0:
+                return "counts an index from the end: pass the count in"
+        before = step
+    return ""
 
 
 def constants_of(function: Callable) -> dict[str, int | float | tuple]:

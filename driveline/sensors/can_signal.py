@@ -3,7 +3,8 @@
 Frame k is due at ``k * period``. It is taken at the tick nearest to ``k * period + jitter``, where
 the jitter is drawn from a density per data set (thesis section 3.3.5), and read by the receiver a
 constant ``delay`` later. Frames keep their order: one that its jitter would place before its
-predecessor is taken together with it. Between frames the receiver holds the last value.
+predecessor is taken together with it, at the same tick and with the same value. Between frames
+the receiver holds the last value.
 
 Sampling at the ticks of a 1 ms clock, jittering there, and resampling is how the thesis does it
 (figure 3.17). Jitter moves the instant at which the value is taken, not only its arrival: a frame
@@ -150,19 +151,22 @@ def jitter_table(source: str, number: int, tick: float) -> NDArray[np.float64]:
     return np.array(_quantiles(source, int(number))) / tick
 
 
-def can_signal_parameters(signal: CanSignal, tick: float, stream: int) -> NDArray[np.float64]:
+def can_signal_parameters(
+    signal: CanSignal, tick: float, stream: int, name: str = "can_signal"
+) -> NDArray[np.float64]:
     """The channel's numbers for the kernel.
 
     Args:
         signal: The channel.
         tick: Clock period [s] at which ``can_signal_tick`` is called.
         stream: Number of the channel: channels of one seed draw independently.
+        name: The channel's name, for the message.
 
     Raises:
         InputError: The period is shorter than the tick.
     """
     if signal.period < tick * (1.0 - 1e-9):
-        raise InputError(f"period is {signal.period:g} s: at least the tick of {tick:g} s is needed")
+        raise InputError(f"{name}.period is {signal.period:g} s: at least the tick of {tick:g} s is needed")
     delay = round(signal.delay / tick)
     parameters = np.zeros(PARAMETERS)
     parameters[PERIOD] = signal.period / tick

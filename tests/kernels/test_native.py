@@ -307,6 +307,10 @@ def refused(x: F8) -> int:
     ("return int(x[0] ** 2)", "refused raises to a power"),
     ("return int(math.pow(x[0], 2.0))", "refused raises to a power"),
     ("return len(x)", "refused asks for a length"),
+    ("return int(x[1:][0])", "refused slices an array"),
+    ("x[:2] = x[2:4]\n    return 0", "refused slices an array"),
+    ("return int(x[-1])", "refused counts an index from the end"),
+    ("x[-1] = 0.0\n    return 0", "refused counts an index from the end"),
     ("return unmarked(x)", "refused calls unmarked, which is not a @kernel"),
     ("return int(TABLE[0])", "refused uses the module-level array TABLE"),
 ])
