@@ -110,16 +110,21 @@ class Model:
         if count != self.values.size or (len(saved) - 8) % 8:
             raise InputError(f"these bytes are not a saved state of {self.name}")
         numbers = np.frombuffer(saved, dtype="<f8", offset=8)
+        before, state = self.values.copy(), self.state
         parameters = self._positions["parameter"]
-        same = np.array_equal(self.values[parameters], numbers[parameters])
+        same = np.array_equal(before[parameters], numbers[parameters])
         self.values[:] = numbers[:count]
         if numbers.size == count:
             self.state = np.zeros(0)  # saved before it was initialised
             return
-        if not same or self.state.size == 0:
+        if not same or state.size == 0:
             self._check("parameter")
             self._prepare()
         if self.state.size != numbers.size - count:
+            self.values[:] = before
+            if state.size:
+                self._prepare()
+                self.state[:] = state
             raise InputError(f"these bytes are not a saved state of {self.name}")
         self.state[:] = numbers[count:]
 

@@ -37,7 +37,7 @@ from .backend import F8, I8, entry_point, kernel
 # Laws of a branch, and what its parameters are (after ratio_a and ratio_b).
 SHAFT = 0      # stiffness, damping
 LASH = 1       # stiffness, damping, half_gap
-FRICTION = 2   # capacity, static_ratio, drag; capacity scales with a lag state and a signal
+FRICTION = 2   # capacity (times a signal and a lag state), static_ratio, drag, base capacity (times cos grade)
 CONVERTER = 3  # tables
 CONTACT = 4    # slip stiffness / relaxation length, relaxation length, deflection limit, radius
 LOSS = 5       # constant, viscous, fraction; reference branch
@@ -76,7 +76,7 @@ SIGNALS_HEAD = 6
 # Clock part of the state.
 GEAR, QUEUE_FIRST, QUEUE_COUNT, METER_HELD, EVENTS = range(5)
 CLOCK_SIZE = 5
-QUEUE_SIZE = 256
+QUEUE_SIZE = 1024
 
 # What a term of an output reads.
 (SPEED, TORQUE, LASH_ANGLE, CONTACT_MODE, ACCELERATION, LEVEL, STORED) = range(7)
@@ -84,7 +84,7 @@ QUEUE_SIZE = 256
 # Branches that may stick at the same time.
 MOST_STUCK = 8
 
-OK, NOT_FINITE, TOO_MANY_EVENTS = 0, 1, 2
+OK, NOT_FINITE, TOO_MANY_EVENTS, QUEUE_FULL = range(4)
 
 TIME_TOLERANCE = 1e-9  # [s]; clock instants closer than this are the same
 
@@ -94,6 +94,16 @@ def work_size(nodes, branches, continuous, signals, active, outputs):
     """Length of `work` for a network of these counts."""
     return (active + signals + 6 * continuous + 4 * branches + 2 * nodes + outputs
             + MOST_STUCK * (MOST_STUCK + 3) + 16)
+
+
+@kernel
+def friction_capacity(plan, work, row, y, signal):
+    """Kinetic torque capacity [N.m or N] of a dry friction branch."""
+    p = plan[row + PARAMETER]
+    capacity = work[p + 2] * work[signal + plan[row + SIGNAL]]
+    if plan[row + REFERENCE] >= 0:
+        capacity *= work[y + plan[row + REFERENCE]]
+    return capacity + work[p + 5] * work[signal + COS_GRADE]
 
 
 @kernel
@@ -141,9 +151,7 @@ def rates(plan, work, y, dy, signal, torque, torque_b, modes, matrix):
                 dissipated += work[p + 3] * rate * rate
         elif law == FRICTION:
             mode = work[modes + b]
-            capacity = work[p + 2] * work[signal + plan[row + SIGNAL]]
-            if plan[row + REFERENCE] >= 0:
-                capacity *= work[y + plan[row + REFERENCE]]
+            capacity = friction_capacity(plan, work, row, y, signal)
             t = friction_torque(mode, rate, capacity, work[p + 4])
             t_b = t
             dissipated += t * rate
@@ -287,9 +295,7 @@ def guard(plan, work, y, signal, torque, modes, b):
         x = y + plan[row + TWIST]
         return lash_guard(work[modes + b], work[x], work[x + 1], rate,
                           work[p + 2], work[p + 3], work[p + 4])
-    capacity = work[p + 2] * work[signal + plan[row + SIGNAL]]
-    if plan[row + REFERENCE] >= 0:
-        capacity *= work[y + plan[row + REFERENCE]]
+    capacity = friction_capacity(plan, work, row, y, signal)
     return friction_guard(work[modes + b], rate, work[torque + b], capacity, capacity * work[p + 3])
 
 
@@ -523,7 +529,7 @@ def apply_gear(plan, work, constants, gear):
 
 
 @kernel
-def shift(plan, state, work, constants, y, gear):
+def shift(plan, state, work, constants, y, modes, gear):
     """Engage ``gear`` [-1, 0, 1 ...]: the gear set turns with its output at once, its shift
     element starts open and slips until the input has followed."""
     node = plan[GEARSET_NODE]
@@ -536,6 +542,16 @@ def shift(plan, state, work, constants, y, gear):
     after = 0.5 * work[inertia + node] * work[y + node] * work[y + node]
     work[y + plan[CONTINUOUS] - 2] += after - before  # the hydraulics' work on the small parts
     work[y + plan[SHIFT_LAG]] = 0.0
+    for i in range(plan[SWITCHES]):
+        b = plan[plan[SWITCH_TABLE] + i]
+        row = plan[BRANCH_TABLE] + b * BRANCH_COLUMNS
+        if plan[row + LAW] == FRICTION and plan[row + NODE_B] == node:
+            slip = work[plan[row + PARAMETER]] * work[y + plan[row + NODE_A]]
+            slip -= work[plan[row + PARAMETER] + 1] * work[y + node]
+            if slip > 0.0:
+                work[modes + b] = 1.0
+            elif slip < 0.0:
+                work[modes + b] = -1.0
     state[plan[STATE_CLOCK] + GEAR] = gear
 
 
@@ -575,7 +591,7 @@ def network_run(state: F8, plan: I8, constants: F8, work: F8, inputs: F8, output
         steps: 0 evaluates the outputs at ``start`` into the first row and moves nothing.
 
     Returns:
-        OK, NOT_FINITE or TOO_MANY_EVENTS.
+        OK, NOT_FINITE, TOO_MANY_EVENTS or QUEUE_FULL.
     """
     n = plan[CONTINUOUS]
     branches = plan[BRANCHES]
@@ -630,12 +646,13 @@ def network_run(state: F8, plan: I8, constants: F8, work: F8, inputs: F8, output
         if plan[GEARS] > 0:
             gear = int(inputs[base + plan[GEAR_INPUT]])
             if gear != int(state[clock + GEAR]):
-                shift(plan, state, work, constants, y, gear)
+                shift(plan, state, work, constants, y, modes, gear)
             if gear == 0:
                 work[signal + IN_GEAR] = 0.0
         # the delayed input: remember the new value, look up the old one
-        if plan[DELAYED_INPUT] >= 0:
-            remember(state, clock, queue, time, inputs[base + plan[DELAYED_INPUT]])
+        if plan[DELAYED_INPUT] >= 0 and not remember(
+                state, clock, queue, time, time - delay, inputs[base + plan[DELAYED_INPUT]]):
+            return QUEUE_FULL
         while True:
             # signals of this piece, and where it ends
             end = stop
@@ -691,21 +708,23 @@ def network_run(state: F8, plan: I8, constants: F8, work: F8, inputs: F8, output
 
 
 @kernel
-def remember(state, clock, queue, time, value):
-    """Keep (time, value) of an input that changed; a full queue overwrites its newest entry."""
+def remember(state, clock, queue, time, oldest, value):
+    """Keep (time, value) of an input that changed; False if more than QUEUE_SIZE are on their way.
+
+    Entries that no one at ``oldest`` or later asks for make room first.
+    """
+    recall(state, clock, queue, oldest)
     count = int(state[clock + QUEUE_COUNT])
     first = int(state[clock + QUEUE_FIRST])
-    if count > 0:
-        newest = (first + count - 1) % QUEUE_SIZE
-        if state[queue + 2 * newest + 1] == value:
-            return
-        if count == QUEUE_SIZE:
-            state[queue + 2 * newest + 1] = value
-            return
+    if count > 0 and state[queue + 2 * ((first + count - 1) % QUEUE_SIZE) + 1] == value:
+        return True
+    if count == QUEUE_SIZE:
+        return False
     place = (first + count) % QUEUE_SIZE
     state[queue + 2 * place] = time
     state[queue + 2 * place + 1] = value
     state[clock + QUEUE_COUNT] = count + 1
+    return True
 
 
 @kernel

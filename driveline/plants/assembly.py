@@ -177,11 +177,15 @@ class Assembly:
 
     def friction(self, name: str, a: int, b: int, capacity: Number, static_ratio: float = 1.0,
                  drag: float = 0.0, ratio_a: Number = 1.0, ratio_b: Number = 1.0,
-                 signal: int = k.ONE, lag: str | None = None) -> int:
-        """Dry friction with sticking; the capacity is scaled by a signal and by a lag's level."""
+                 signal: int = k.ONE, lag: str | None = None, base: float = 0.0) -> int:
+        """Dry friction with sticking; ``capacity`` scales with a signal and a lag's level.
+
+        ``base`` is capacity besides it that scales with the cosine of the grade. Two dry frictions
+        may not act between the same nodes: sticking, nothing would tell their shares.
+        """
         reference = -1 if lag is None else list(self.lags).index(lag)
         return self._branch(Branch(name, k.FRICTION, a, b, ratio_a, ratio_b,
-                                   (capacity, static_ratio, drag), signal, reference))
+                                   (capacity, static_ratio, drag, base), signal, reference))
 
     def converter(self, name: str, impeller: int, turbine: int, tables: tuple[float, ...]) -> int:
         """A hydrodynamic converter; tables are speed ratio, torque ratio, capacity."""
@@ -259,7 +263,7 @@ class Assembly:
         self.output(target)
         tick = self.settings[k.TICK]
         self.channels.append(Channel(
-            source, target, can_signal_parameters(signal, tick, stream=len(self.channels)),
+            source, target, can_signal_parameters(signal, tick, stream=len(self.channels), name=f"{source}_sensor"),
             jitter_table(jitter_source, signal.jitter_set, tick)))
 
     # -- arrays ---------------------------------------------------------------------------------

@@ -276,7 +276,7 @@ class FullOrderPlant(Plant):
             net.shaft("suspension", axle, body, p.suspension.stiffness, p.suspension.damping, unit="m")
         net.aerodynamic("aerodynamic_drag", body,
                         0.5 * p.vehicle.air_density * p.vehicle.drag_coefficient * p.vehicle.frontal_area)
-        net.friction("rolling_resistance", body, GROUND, tyre.rolling_resistance * weight, signal=k.COS_GRADE)
+        net.friction("rolling_resistance", body, GROUND, 0.0, base=tyre.rolling_resistance * weight)
         net.source("grade", body, -weight, k.SIN_GRADE)
         net.shaft("seat", body, seat, p.seat.stiffness, p.seat.damping, unit="m")
         net.shaft("differential_case", case, GROUND, p.differential_case.stiffness, p.differential_case.damping)

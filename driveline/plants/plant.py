@@ -20,6 +20,8 @@ STATUS = {
                   "reduce solver.maximum_substep",
     k.TOO_MANY_EVENTS: "contacts open and close without end; look for a lash or clutch with almost "
                        "no inertia beside it",
+    k.QUEUE_FULL: f"the requested torque changed more than {k.QUEUE_SIZE} times within "
+                  "engine.air_delay; take longer communication steps or a shorter delay",
 }
 
 

@@ -300,9 +300,8 @@ class ReducedPlant(Plant):
         """Drag, rolling resistance, brake and grade on the wheel node (eq. 2.22)."""
         radius = vehicle.tyre_radius
         net.aerodynamic("aerodynamic_drag", wheel, vehicle.aerodynamic_factor, ratio=radius)
-        net.friction("rolling_resistance", wheel, GROUND, vehicle.rolling_resistance_force, ratio_a=radius,
-                     signal=k.COS_GRADE)
-        net.friction("brake", wheel, GROUND, 1.0, signal=net.signal("brake_torque"))
+        net.friction("brake_and_rolling_resistance", wheel, GROUND, 1.0, signal=net.signal("brake_torque"),
+                     base=vehicle.rolling_resistance_force * radius)
         net.source("grade", wheel, -vehicle.mass * GRAVITY, k.SIN_GRADE, ratio=radius)
 
     def _outputs_of(self, net: Assembly, engine: int, wheel: int, shaft: int, lashes: list[int],
