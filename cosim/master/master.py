@@ -39,7 +39,8 @@ class Interrupted(KeyboardInterrupt):
     """
 
     def __init__(self, result: Result) -> None:
-        super().__init__(f"interrupted at t = {result.time[-1] if result.time.size else 0.0:g} s")
+        reached = result.time[-1] if result.time.size else result.provenance["start"]
+        super().__init__(f"interrupted at t = {reached:g} s")
         self.result = result
 
 

@@ -1,0 +1,308 @@
+"""The command ``driveline``.
+
+Standard output carries the result, standard error whatever is said on the way. Exit code 0: done; 2: the
+input or usage is wrong; 1: it failed for another reason; 130: Ctrl-C.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import logging
+import os
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from driveline.quantities import InputError
+
+LISTS = ("fmus", "scenarios", "studies", "vehicles", "effects")
+_OK, _FAILED, _WRONG_INPUT, _INTERRUPTED = 0, 1, 2, 130
+
+
+class NotYet(RuntimeError):
+    """Part of the contract that does not exist yet."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command.
+
+    Returns:
+        The exit code.
+    """
+    options = _parser().parse_args(arguments)
+    logging.basicConfig(format="%(message)s", stream=sys.stderr, force=True,
+                        level=logging.WARNING if options.quiet else logging.INFO)
+    for noisy in ("matplotlib", "numba", "pint"):
+        logging.getLogger(noisy).setLevel(logging.WARNING)
+    try:
+        with _standard_output(options.json) as write:
+            answer, text = options.command(options)
+            write(json.dumps(answer, indent=2, default=str) if options.json else text)
+        return _OK
+    except InputError as error:
+        return _say(error, _WRONG_INPUT)
+    except KeyboardInterrupt as error:
+        return _say(str(error) or "interrupted", _INTERRUPTED)
+    except BrokenPipeError:  # whoever reads our output has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return _FAILED
+    except Exception as error:
+        if options.debug:
+            raise
+        return _say(f"{error}" if isinstance(error, RuntimeError | OSError) else
+                    f"{type(error).__name__}: {error} (--debug shows where)", _FAILED)
+
+
+def _say(message: object, code: int) -> int:
+    print(f"driveline: {message}", file=sys.stderr)
+    return code
+
+
+def _parser() -> argparse.ArgumentParser:
+    common = argparse.ArgumentParser(add_help=False)
+    common.add_argument("--json", action="store_true", help="print the result as JSON, and nothing else")
+    common.add_argument("--quiet", action="store_true", help="say only what is wrong")
+    common.add_argument("--debug", action="store_true", help="show where an unexpected error comes from")
+    parser = argparse.ArgumentParser(
+        prog="driveline", description="Driveline plants and estimators as FMUs, simulated together.")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    def command(name: str, function: Callable[[argparse.Namespace], tuple[Any, str]],
+                help: str, out: str | None = None) -> argparse.ArgumentParser:
+        sub = commands.add_parser(name, help=help, description=help, parents=[common])
+        sub.set_defaults(command=function)
+        if out is not None:
+            sub.add_argument("--out", type=Path, default=None, metavar="DIR",
+                             help=f"where the files go (default: {out})")
+        return sub
+
+    command("build", _build, "build every FMU", "build/fmus")
+    list_ = command("list", _list, "what there is")
+    list_.add_argument("what", nargs="?", choices=LISTS)
+    run = command("run", _run, "run a scenario", "out/NAME")
+    run.add_argument("scenario", metavar="SCENARIO",
+                     help="a TOML file, or a name that `driveline list scenarios` gives")
+    run.add_argument("--set", action="append", default=[], metavar="FMU.PARAMETER=VALUE",
+                     help="change a parameter, or hold an input; the value may carry a unit")
+    run.add_argument("--measurement", type=Path, metavar="PATH",
+                     help="a folder with measurement.toml, or a data file, in place of the scenario's")
+    run.add_argument("--twins", action="store_true", help="run the models in process instead of their FMUs")
+    study = command("study", _study, "one table or figure of the paper", "out/NAME")
+    study.add_argument("name", metavar="NAME")
+    diagnose = command("diagnose", _diagnose, "what a measurement says is wrong", "out/diagnosis")
+    diagnose.add_argument("measurement", type=Path, metavar="MEASUREMENT")
+    hide = command("hide", _hide, "a measurement with effects hidden in it", "out/hidden")
+    hide.add_argument("effects", nargs="+", metavar="EFFECT[=SIZE]")
+    hide.add_argument("--seed", type=int, required=True, metavar="N")
+    command("demo", _demo, "the main job in about a minute, on what the package ships", "out/demo")
+    return parser
+
+
+def _build(options: argparse.Namespace) -> tuple[Any, str]:
+    out = _writable(options.out or Path("build/fmus"))
+    built = []
+    for path in _build_fmus(out):
+        logging.info("built %s", path)
+        built.append(str(path))
+    return {"fmus": built}, "\n".join(built)
+
+
+def _build_fmus(out: Path) -> Iterable[Path]:
+    from fmus.packaging import build  # here alone: whoever only runs FMUs needs nothing that builds them
+
+    return build(out)
+
+
+def _list(options: argparse.Namespace) -> tuple[Any, str]:
+    wanted = [options.what] if options.what else [what for what in LISTS if what != "effects"]
+    found = {what: globals()[f"_list_{what}"]() for what in wanted}
+    lines = []
+    for what, entries in found.items():
+        lines += [f"{what}:"] if len(found) > 1 else []
+        width = max((len(name) for name in entries), default=0)
+        lines += [f"  {name:{width}}  {about}".rstrip() for name, about in entries.items()]
+    return found if options.what is None else found[options.what], "\n".join(lines)
+
+
+def _list_fmus() -> dict[str, str]:
+    from cosim.master.parameters import build_folders
+
+    return {path.stem: str(path) for folder in reversed(build_folders())
+            for path in sorted(folder.glob("*.fmu"))}
+
+
+def _list_scenarios() -> dict[str, str]:
+    from cosim.master.scenario import SHIPPED
+    from cosim.toml import TomlFile
+
+    return {path.stem: TomlFile.read(path).table.get("title", "") for path in sorted(SHIPPED.glob("*.toml"))}
+
+
+def _list_studies() -> dict[str, str]:
+    from cosim import studies
+
+    return {name: studies.summary(name) for name in studies.STUDIES}
+
+
+def _list_vehicles() -> dict[str, str]:
+    from driveline import vehicles
+
+    return {name: "variants: " + ", ".join(vehicles.variants(name)) for name in vehicles.names()}
+
+
+def _list_effects() -> dict[str, str]:
+    raise NotYet("effects are not implemented yet: there is no diagnosis to name them")
+
+
+def _run(options: argparse.Namespace) -> tuple[Any, str]:
+    from cosim.master import Interrupted, Scenario, SimulationError
+
+    overrides = {}
+    for entry in options.set:
+        name, equals, value = entry.partition("=")
+        if not equals or not name or not value:
+            raise InputError(
+                f"--set {entry}: FMU.PARAMETER=VALUE is needed, for example plant.vehicle.mass=2500")
+        overrides[name] = value
+    scenario = Scenario.load(options.scenario, overrides, options.measurement, options.twins)
+    out = _writable(options.out or Path("out") / scenario.name)
+    began = time.perf_counter()
+    try:
+        with _progress(scenario.title, scenario.start, scenario.stop) as progress:
+            result = scenario.run(progress)
+    except (Interrupted, SimulationError) as error:
+        if error.result is None or error.result.time.size == 0:
+            raise
+        error.result.to_csv(out / "result_partial.csv")
+        error.result.to_parquet(out / "result_partial.parquet")
+        where = f"{error}; what was recorded until then is in {out / 'result_partial.csv'}"
+        raise (KeyboardInterrupt if isinstance(error, Interrupted) else SimulationError)(where) from error
+    seconds = time.perf_counter() - began
+    return _report(scenario, result, out, seconds)
+
+
+def _report(scenario: Any, result: Any, out: Path, seconds: float) -> tuple[Any, str]:
+    """Write results and pictures; the answer and its text."""
+    from cosim.files import write_text
+    from cosim.report import plot_comparison, plot_signals
+
+    comparisons = scenario.compare(result)
+    result.to_csv(out / "result.csv")
+    result.to_parquet(out / "result.parquet")
+    plot_signals(result, out / "signals.png", title=scenario.title)
+    names = ["result.csv", "result.json", "result.parquet", "signals.png"]
+    rows = [comparison.as_row() for comparison in comparisons]
+    if comparisons:
+        write_text(out / "comparison.json", json.dumps(rows, indent=2) + "\n")
+        plot_comparison(comparisons, out / "comparison.png", scenario.title)
+        names += ["comparison.json", "comparison.png"]
+    simulated = float(result.time[-1] - result.time[0])
+    answer = {"scenario": scenario.name, "complete": result.complete, "simulated_seconds": simulated,
+              "run_seconds": seconds, "notices": result.provenance["notices"], "comparison": rows,
+              "files": [str(out / name) for name in names]}
+    text = [f"{scenario.title}: {simulated:g} s simulated in {seconds:.2f} s", *_comparison_table(rows),
+            *(str(out / name) for name in names)]
+    return answer, "\n".join(text)
+
+
+def _comparison_table(rows: Sequence[dict[str, Any]]) -> list[str]:
+    if not rows:
+        return []
+    lines = [f"{'simulated - measured':38} {'unit':6} {'samples':>8} {'mean':>10} {'rms':>10} {'max':>10} "
+             f"{'rms/range':>9}"]
+    for row in rows:
+        relative = "" if row["nrmse"] is None else f"{100 * row['nrmse']:.2f} %"
+        lines.append(f"{row['signal']:38} {row['unit']:6} {row['samples']:8d} {row['mean_error']:10.4g} "
+                     f"{row['rms_error']:10.4g} {row['max_error']:10.4g} {relative:>9}")
+    return lines
+
+
+def _study(options: argparse.Namespace) -> tuple[Any, str]:
+    from cosim import studies
+
+    if options.name not in studies.STUDIES:
+        studies.summary(options.name)  # says which there are, before a folder is made
+    out = _writable(options.out or Path("out") / options.name)
+    with _progress(options.name, 0.0, 1.0) as progress:
+        answer = studies.run(options.name, out, progress)
+    lines = [f"{answer['study']}: {answer['source']}",
+             f"{'quantity':48} {'unit':8} {'paper':>10} {'here':>10} {'deviation':>10}  note"]
+    for row in answer["rows"]:
+        paper, here = ("-" if row[key] is None else f"{row[key]:.5g}" for key in ("paper", "here"))
+        deviation = "" if row["deviation_percent"] is None else f"{row['deviation_percent']:+.2f} %"
+        lines.append(f"{row['quantity']:48} {row['unit']:8} {paper:>10} {here:>10} {deviation:>10}  "
+                     f"{row['note']}".rstrip())
+    return answer, "\n".join([*lines, str(out / f"{options.name}.json"), *map(str, answer["figures"])])
+
+
+def _diagnose(options: argparse.Namespace) -> tuple[Any, str]:
+    raise NotYet("diagnose is not implemented yet")
+
+
+def _hide(options: argparse.Namespace) -> tuple[Any, str]:
+    raise NotYet("hide is not implemented yet")
+
+
+def _demo(options: argparse.Namespace) -> tuple[Any, str]:
+    from cosim import demo
+
+    out = _writable(options.out or Path("out/demo"))
+    answer = demo.run(out, _build_fmus, logging.info)
+    text = [f"demo: done in {answer['seconds']:.1f} s; the measurement is generated, with a heavier vehicle "
+            "and softer axle shafts than the model has", *_comparison_table(answer["comparison"])]
+    return answer, "\n".join([*text, *answer["files"]])
+
+
+def _writable(folder: Path) -> Path:
+    """The folder, made if need be."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"--out {folder}: {error.strerror}: a folder that can be written to is needed") from error
+    if not os.access(folder, os.W_OK):
+        raise InputError(f"--out {folder}: it cannot be written to")
+    return folder
+
+
+@contextlib.contextmanager
+def _standard_output(only_json: bool) -> Iterator[Callable[[str], None]]:
+    """How to write the result; with JSON whatever else is printed (by an FMU, say) goes to standard error."""
+    def write(text: str) -> None:
+        if text:
+            os.write(stdout, (text + "\n").encode()) if only_json else print(text)
+
+    if not only_json:
+        yield write
+        return
+    sys.stdout.flush()
+    stdout = os.dup(1)
+    os.dup2(2, 1)
+    try:
+        yield write
+    finally:
+        sys.stdout.flush()
+        os.dup2(stdout, 1)
+        os.close(stdout)
+
+
+@contextlib.contextmanager
+def _progress(title: str, start: float, stop: float) -> Iterator[Callable[[float], None] | None]:
+    """A progress bar on standard error where that is a terminal."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(title, total=stop - start)
+        yield lambda now: bar.update(task, completed=now - start)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
