@@ -37,7 +37,7 @@ FMUS = {
     "plant_rom_3dof": "plant_rom",
     "plant_rom_3dof_split": "plant_rom",
 }
-VEHICLE, VARIANT = "pickup_10r80", "modified"
+VEHICLE, VARIANT, GEAR = "pickup_10r80", "modified", 5
 
 # the part of pythonfmu that a slave needs; its own __init__ would import the whole builder
 _PYTHONFMU_FILES = ("_version", "default_experiment", "enums", "fmi2slave", "logmsg", "variables")
@@ -190,7 +190,7 @@ def native_libraries(folder: Path) -> Sequence[Path]:
 
 
 def build(out: Path, names: Iterable[str] = tuple(FMUS), vehicle: str = VEHICLE,
-          variant: str | None = VARIANT) -> Iterator[Path]:
+          variant: str | None = VARIANT, gear: int = GEAR, suffix: str = "") -> Iterator[Path]:
     """Build FMUs of the table ``FMUS`` into a folder; gives the path of each as it is written.
 
     Args:
@@ -198,12 +198,14 @@ def build(out: Path, names: Iterable[str] = tuple(FMUS), vehicle: str = VEHICLE,
         names: Which ones, by model name.
         vehicle: Name or path of the vehicle whose values become the start values.
         variant: Variant in the vehicle file, None for the plain one.
+        gear: Gear at the start; the reduced plants are computed for it.
+        suffix: Put behind the name of each FMU, ``_extended`` for example.
 
     Raises:
         InputError: A name is not in the table, or the vehicle file is wrong.
+        driveline.kernels.native.Unavailable: The kernels cannot be compiled here.
     """
     from driveline.models import MODELS
-
     from driveline.vehicles import load
 
     names = tuple(names)
@@ -213,6 +215,6 @@ def build(out: Path, names: Iterable[str] = tuple(FMUS), vehicle: str = VEHICLE,
     with tempfile.TemporaryDirectory() as folder:
         libraries = native_libraries(Path(folder))
         for name in names:
-            model = MODELS[name](MODELS[name].defaults_from(values))
+            model = MODELS[name](MODELS[name].defaults_from(values, gear))
             slave = HERE / FMUS[name] / f"{FMUS[name]}_slave.py"
-            yield write_fmu(Path(out) / f"{name}.fmu", model, slave, libraries=libraries)
+            yield write_fmu(Path(out) / f"{name}{suffix}.fmu", model, slave, libraries=libraries)
