@@ -121,7 +121,8 @@ def _assemble(states: tuple[str, ...], rates: dict[str, dict[str, _Number]], p: 
         states=states)
 
 
-def _accelerations(p: Lumped, shaft: dict[str, _Number], wheel: dict[str, _Number]) -> dict[str, dict[str, _Number]]:
+def _accelerations(p: Lumped, shaft: dict[str, _Number],
+                   wheel: dict[str, _Number]) -> dict[str, dict[str, _Number]]:
     """Rates of the three speeds for the torques T_s and T_w as factors of the states."""
     final_drive = {name: p.i_fdr / p.J_2 * value for name, value in shaft.items()}
     for name, value in wheel.items():
