@@ -1,8 +1,11 @@
 """What several folders of tests share."""
 
+import sys
 from pathlib import Path
 
 import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))  # runs.py, which several folders use
 
 
 @pytest.fixture(scope="session")
