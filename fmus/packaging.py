@@ -72,15 +72,18 @@ def _digest(files: Mapping[str, bytes]) -> str:
     return digest.hexdigest()
 
 
-def _with_hash(files: Mapping[str, bytes], mark: str) -> dict[str, bytes]:
-    """The packages, and the imports of them, under names that end with the hash."""
-    renamed = {}
-    for name, content in files.items():
-        package, _, rest = name.partition("/")
-        if name.endswith(".py"):
-            content = _IMPORT.sub(rb"\1\2_" + mark.encode(), content)
-        renamed[f"{package}_{mark}/{rest}" if rest else name] = content
-    return renamed
+def _marked_imports(source: bytes, mark: str) -> bytes:
+    """Python source that imports the packages under the names that end with the hash."""
+    return _IMPORT.sub(rb"\1\2_" + mark.encode(), source)
+
+
+def _marked_packages(files: Mapping[str, bytes], mark: str) -> dict[str, bytes]:
+    """The packages under names that end with the hash."""
+    marked = {}
+    for path, content in files.items():
+        package, _, rest = path.partition("/")
+        marked[f"{package}_{mark}/{rest}"] = _marked_imports(content, mark) if path.endswith(".py") else content
+    return marked
 
 
 def _binaries(identifier: str) -> dict[str, bytes]:
@@ -112,15 +115,15 @@ def fmu_files(model: Model, slave: Path, identifier: str, *, payload: Path = DRI
     """All files of an FMU by their path in the archive; arguments as for ``write_fmu``."""
     shared = _payload_files(payload, libraries)
     mark = _digest(shared)[:12]
-    script = _with_hash({"slave": b"", "slave.py": slave.read_bytes() + _LEND_NAMESPACE}, mark)["slave.py"]
-    module = f"{slave.stem.removesuffix('_slave')}_{_digest({'': script})[:12]}_slave"
+    script = _marked_imports(slave.read_bytes() + _LEND_NAMESPACE, mark)
+    module = f"{slave.stem.removesuffix('_slave')}_{hashlib.sha256(script).hexdigest()[:12]}_slave"
     start_values = {
         variable.name: float(value)
         for variable, value in zip(model.variables, model.values, strict=True)
         if variable.causality != "output"
     }
     resources = {
-        **_with_hash(shared, mark),
+        **_marked_packages(shared, mark),
         f"{module}.py": script,
         "slavemodule.txt": module.encode(),
         # repr of a double, which json writes, reads back to the same double
