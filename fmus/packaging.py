@@ -82,7 +82,9 @@ def _marked_packages(files: Mapping[str, bytes], mark: str) -> dict[str, bytes]:
     marked = {}
     for path, content in files.items():
         package, _, rest = path.partition("/")
-        marked[f"{package}_{mark}/{rest}"] = _marked_imports(content, mark) if path.endswith(".py") else content
+        if path.endswith(".py"):
+            content = _marked_imports(content, mark)
+        marked[f"{package}_{mark}/{rest}"] = content
     return marked
 
 
