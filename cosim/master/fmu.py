@@ -6,6 +6,7 @@ a step costs one fmi2SetReal, one fmi2DoStep and one fmi2GetReal.
 
 from __future__ import annotations
 
+import atexit
 import ctypes
 import hashlib
 import logging
@@ -41,7 +42,7 @@ _LEVELS = (logging.DEBUG, logging.WARNING, logging.WARNING, logging.ERROR, loggi
 _STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
 _FOLDER_CHARACTERS_THAT_BREAK = "%"  # PythonFMU decodes them as if they were part of a URL
 
-_extracted: dict[str, tempfile.TemporaryDirectory] = {}  # content -> folder, for the life of the process
+_extracted: dict[str, Path] = {}  # content -> folder, for the life of the process
 
 
 def extracted(path: Path) -> tuple[Path, str]:
@@ -53,9 +54,10 @@ def extracted(path: Path) -> tuple[Path, str]:
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
     if digest not in _extracted:
         folder = tempfile.TemporaryDirectory(prefix="driveline-fmu-", ignore_cleanup_errors=True)
+        atexit.register(folder.cleanup)
         fmpy.extract(str(path), folder.name)
-        _extracted[digest] = folder
-    return Path(_extracted[digest].name), digest
+        _extracted[digest] = Path(folder.name)
+    return _extracted[digest], digest
 
 
 class FmuParticipant:

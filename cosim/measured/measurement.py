@@ -248,7 +248,7 @@ def _channel(name: str, entry: Mapping[str, Any], time_entry: Mapping[str, Any],
     label = " and ".join(columns)
     unit = entry.get("unit", read[0].unit)
     if unit is None:
-        if entry.get("column") is not None and CANONICAL[name].unit != "1":
+        if columns != [name] and CANONICAL[name].unit != "1":  # a canonical name stands for its unit too
             raise InputError(f"{where}: column '{label}' has no unit: write unit = \"...\" "
                              f"(the canonical one is {CANONICAL[name].unit})")
         unit = CANONICAL[name].unit
@@ -273,6 +273,8 @@ def _times(entry: Mapping[str, Any], time_entry: Mapping[str, Any], column: Colu
             raise InputError(f"{where}: no clock: add [channels.time] with column = \"...\" and unit = \"s\""
                              f"; {table.path.name} has {', '.join(table.names)}")
         named = "time"
+    if not isinstance(named, str):
+        raise InputError(f"{where}: time is {named!r}: the name of a column is needed")
     read = table.column(named)
     unit = time_entry.get("unit") or read.unit or "s"
     try:

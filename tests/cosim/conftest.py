@@ -42,3 +42,38 @@ def fmus(tmp_path_factory):
     for name, model in toys.MODELS.items():
         write_fmu(folder / f"{name}.fmu", model({}), slave, payload=payload)
     return folder
+
+
+FOREIGN = '''
+from pythonfmu import Fmi2Causality, Fmi2Slave, Fmi2Variability, Integer, Real, String
+
+
+class Foreign(Fmi2Slave):
+    """As anybody might write one: no units, no dependencies, a string and an internal variable."""
+
+    def __init__(self, **kwargs):
+        super().__init__(**kwargs)
+        self.label, self.level, self.doubled, self.root, self.inner = "", 0.0, 0.0, 0.0, 0
+        self.register_variable(String("label", causality=Fmi2Causality.parameter,
+                                      variability=Fmi2Variability.tunable))
+        self.register_variable(Real("level", causality=Fmi2Causality.input))
+        self.register_variable(Real("doubled", causality=Fmi2Causality.output))
+        self.register_variable(Real("root", causality=Fmi2Causality.output))
+        self.register_variable(Integer("inner", causality=Fmi2Causality.local))
+
+    def do_step(self, current_time, step_size):
+        self.doubled = 2.0 * self.level
+        self.root = self.level**0.5 if self.level >= 0.0 else float("nan")
+        self.inner += 1
+        return True
+'''
+
+
+@pytest.fixture(scope="session")
+def foreign_fmu(tmp_path_factory):
+    """An FMU made without this project."""
+    from pythonfmu import FmuBuilder
+
+    folder = tmp_path_factory.mktemp("foreign")
+    (folder / "foreign.py").write_text(FOREIGN)
+    return FmuBuilder.build_FMU(folder / "foreign.py", dest=folder)

@@ -1,0 +1,369 @@
+"""The master's laws: what a step sees, where time ends, FMU equals twin, and what is refused."""
+
+import logging
+import math
+import os
+import shutil
+import signal
+import threading
+import zipfile
+
+import numpy as np
+import pytest
+import toys
+
+from cosim.master import (
+    Constant,
+    FmuParticipant,
+    Interrupted,
+    Master,
+    Ramp,
+    Result,
+    SimulationError,
+    Step,
+    Table,
+)
+from driveline.model import Model
+from driveline.quantities import InputError, Variable
+
+RAMP = Ramp(before=0.0, after=1.0, time=0.1, duration=0.1, unit="rad")
+
+
+def lag(**values):
+    return toys.Lag(values)
+
+
+def counter():
+    return toys.Counter({})
+
+
+class Chain(Model):
+    """x' = u, in steps: y(k+1) = y(k) + u(k); shows exactly which u it saw."""
+
+    name = "chain"
+
+    def __init__(self, start: float = 0.0, through: bool = False) -> None:
+        self._start = start
+        self.variables = (
+            Variable("u", "1", "input", "input", "continuous"),
+            Variable("y", "1", "sum of inputs", "output", "continuous", depends_on=("u",) if through else ()),
+        )
+        super().__init__()
+
+    def _prepare(self) -> None:
+        self.state = np.zeros(1)
+
+    def _initialize(self, start_time: float) -> None:
+        self.state[0] = self.values[1] = self._start
+
+    def _step(self, time: float, dt: float) -> None:
+        self.state[0] += self.values[0]
+        self.values[1] = self.state[0]
+
+
+# ---- time ----
+
+@pytest.mark.parametrize(("step", "stop"), [(0.1, 1.0), (0.3, 3.0), (0.0007, 0.07), (1e-3, 1.0),
+                                           (0.007, 0.1)])
+def test_the_run_ends_exactly_at_its_stop(step, stop):
+    result = Master(step=step).add("a", counter()).run(stop=stop)
+    assert result.time[-1] == stop
+    assert result["a.ended"][-1] == pytest.approx(stop, rel=1e-15)
+    assert result["a.steps"][-1] == math.ceil(round(stop / step, 9))
+    assert (result.time[:-1] == [round(k * step, 12) for k in range(result.time.size - 1)]).all()
+
+
+def test_a_run_may_start_anywhere():
+    result = Master(step=0.01).add("a", counter()).run(start=799.95, stop=800.0)
+    assert (result.time == np.round(np.arange(79995, 80001) / 100, 2)).all()
+
+
+def test_a_lag_of_several_rates_follows_its_exact_solution():
+    result = (Master(step=1e-3).add("a", lag(time_constant=0.05), step=7e-3)
+              .connect(Step(before=0.0, after=1.0, time=0.07), "a.u").record("a.y", step=7e-3).run(stop=0.7))
+    expected = 1.0 - np.exp(-np.maximum(result.time - 0.07, 0.0) / 0.05)
+    assert result["a.y"] == pytest.approx(expected, abs=1e-12)
+
+
+# ---- what a step sees ----
+
+def test_a_slow_participant_samples_at_the_start_of_its_step_and_holds_its_outputs():
+    ticks = np.arange(0, 41)
+    table = Table(times=ticks / 1000, data=ticks, interpolation="hold", unit="deg")
+    result = (Master(step=1e-3).add("slow", counter(), step=1e-2).connect(table, "slow.u")
+              .record("slow.u", "slow.seen", "slow.steps", step=1e-3).run(stop=0.04))
+    assert result["slow.steps"].tolist() == (ticks // 10).tolist()
+    assert result["slow.u"].tolist() == (ticks // 10 * 10).tolist()
+    assert result["slow.seen"].tolist() == np.maximum(ticks // 10 * 10 - 10, 0).tolist()
+
+
+def test_a_fast_participant_sees_the_held_output_of_a_slow_one():
+    ramp = Ramp(before=0.0, after=100.0, time=0.0, duration=0.1, unit="deg")
+    result = (Master(step=1e-3).add("slow", counter(), step=1e-2).add("fast", counter())
+              .connect(ramp, "slow.u").connect("slow.seen", "fast.u").run(stop=0.05))
+    assert (result["fast.seen"][1:] == result["slow.seen"][:-1]).all()
+    assert np.flatnonzero(np.diff(result["slow.seen"])).tolist() == [19, 29, 39, 49]
+
+
+@pytest.mark.parametrize("order", ["jacobi", "gauss-seidel"])
+def test_two_in_a_loop_differ_by_order_as_derived_by_hand(order):
+    """a adds b, b adds a. Jacobi: both see the old value. Gauss-Seidel: b sees the new a."""
+    result = (Master(step=0.1, order=order).add("a", Chain(1.0)).add("b", Chain(1.0))
+              .connect("a.y", "b.u").connect("b.y", "a.u").run(stop=1.0))
+    a, b, expected = 1.0, 1.0, [(1.0, 1.0)]
+    for _ in range(10):
+        if order == "jacobi":
+            a, b = a + b, b + a
+        else:
+            a = a + b
+            b = b + a
+        expected.append((a, b))
+    assert list(zip(result["a.y"], result["b.y"])) == expected
+
+
+def test_jacobi_does_not_depend_on_who_was_added_first():
+    def run(names):
+        master = Master(step=1e-3)
+        for name in names:
+            master.add(name, lag(time_constant=0.1 if name == "a" else 0.03, start_angle=1.0))
+        return master.connect("a.y", "b.u").connect("b.y", "a.u").run(stop=0.3)
+
+    one, other = run("ab"), run("ba")
+    assert (one["a.y"] == other["a.y"]).all()
+    assert (one["b.y"] == other["b.y"]).all()
+
+
+def test_what_is_recorded_and_how_often_changes_nothing():
+    def run(record_step, *what):
+        master = Master(step=1e-3).add("a", lag()).add("b", counter(), step=5e-3)
+        return (master.connect(RAMP, "a.u").connect("a.y", "b.u")
+                .record("a.y", "b.seen", *what, step=record_step).run(stop=0.5))
+
+    fine, coarse, more = run(1e-3), run(1e-2), run(7e-3, "a.*", "b.*", "a.time_constant")
+    assert (fine["b.seen"][::10] == coarse["b.seen"]).all()
+    assert (fine["a.y"][::10] == coarse["a.y"]).all()
+    assert (fine["a.y"][::7] == more["a.y"][:-1]).all()
+    assert more["a.time_constant"].tolist() == [0.1] * more.time.size
+
+
+def test_a_connection_converts_units_and_says_so():
+    master = Master(step=1e-2).add("a", lag(start_angle=1.0)).add("b", counter()).connect("a.y", "b.u")
+    result = master.run(stop=0.1)
+    assert result["b.seen"][1:] == pytest.approx(np.degrees(result["a.y"][:-1]), rel=1e-15)
+    assert any("a.y [rad] -> b.u [deg]" in notice and "57.29" in notice for notice in master.notices)
+
+
+def test_start_values_travel_along_connections_whatever_the_order():
+    """A participant is initialized with what its source starts with, even if it was added first."""
+    result = (Master(step=1e-2).add("b", lag(time_constant=1.0)).add("a", lag(start_angle=2.0))
+              .connect("a.y", "b.u").run(stop=0.1))
+    assert result["b.y_speed"][0] == 2.0
+
+
+def test_unconnected_inputs_and_loops_are_said_aloud(caplog):
+    caplog.set_level(logging.INFO, "cosim")
+    master = Master(step=0.1).add("a", Chain(through=True)).add("b", Chain(through=True)).add("c", lag())
+    master.connect("a.y", "b.u").connect("b.y", "a.u").run(stop=0.1)
+    assert any("c.gear is not connected: it stays at its start value, 1" in n for n in master.notices)
+    loop = next(n for n in master.notices if n.startswith("algebraic loop"))
+    assert all(name in loop for name in ("a.u", "a.y", "b.u", "b.y"))
+    assert "algebraic loop" in caplog.text
+
+
+def test_a_loop_with_a_state_in_it_is_no_algebraic_loop():
+    master = Master(step=0.1).add("a", Chain(through=True)).add("b", Chain(through=False))
+    master.connect("a.y", "b.u").connect("b.y", "a.u").run(stop=0.1)
+    assert not any("loop" in notice for notice in master.notices)
+
+
+# ---- FMUs and their twins ----
+
+@pytest.mark.parametrize("order", ["jacobi", "gauss-seidel"])
+def test_fmus_and_twins_give_the_same_bits_in_any_mixture(fmus, order):
+    def run(a, b):
+        return (Master(step=1e-3, order=order)
+                .add("a", a, parameters={"time_constant": 0.03, "start_angle": "10 deg"})
+                .add("b", b, step=3e-3).connect(RAMP, "a.u")
+                .connect(Step(before=1, after=5, time=0.2), "a.gear").connect("a.y", "b.u").run(stop=0.5))
+
+    reference = run(lag(), counter())
+    assert reference["a.gear_out"][-1] == 5.0
+    assert np.ptp(reference["b.seen"]) > 40.0
+    for a, b in ((fmus / "lag.fmu", fmus / "counter.fmu"), (lag(), fmus / "counter.fmu"),
+                 (fmus / "lag.fmu", counter())):
+        mixed = run(a, b)
+        assert mixed.units == reference.units
+        assert all((mixed[name] == reference[name]).all() for name in reference.names)
+
+
+def test_two_instances_of_one_fmu_are_two(fmus):
+    result = (Master(step=1e-2).add("a", fmus / "lag.fmu", parameters={"start_angle": 1.0})
+              .add("b", fmus / "lag.fmu", parameters={"start_angle": -1.0}).run(stop=0.1))
+    assert (result["a.y"] == -result["b.y"]).all()
+    assert result["a.y"][0] == 1.0
+
+
+def test_a_master_runs_again_from_the_start(fmus):
+    master = Master(step=1e-2).add("a", fmus / "lag.fmu", parameters={"start_angle": 1.0})
+    master.add("b", lag()).connect("a.y", "b.u")
+    first = master.run(stop=0.3)
+    master.set("a.start_angle", 2.0).set("b.start_angle", 0.5)
+    second = master.run(stop=0.3)
+    master.set("a.start_angle", 1.0).set("b.start_angle", 0.0)
+    third = master.run(stop=0.3)
+    assert second["a.y"][0] == 2.0
+    assert all((first[name] == third[name]).all() for name in first.names)
+
+
+def test_somebody_elses_fmu_takes_part(foreign_fmu):
+    """No units, no dependencies, locals and strings: taken as they are, and said."""
+    master = (Master(step=0.1).add("a", lag(start_angle=1.0)).add("f", foreign_fmu, parameters={"label": "x"})
+              .connect("a.y", "f.level").record("f.*", "f.inner"))
+    result = master.run(stop=0.5)
+    assert (result["f.doubled"][1:] == 2.0 * result["f.level"][:-1]).all()
+    assert result["f.inner"][-1] == 5.0
+    assert result.units["f.doubled"] == ""
+    assert any("f.level declares no unit, taken as 'rad'" in notice for notice in master.notices)
+
+
+def test_a_failing_fmu_is_named_with_time_and_its_own_words(fmus, capfd):
+    master = Master(step=0.1).add("a", fmus / "lag.fmu")
+    master.connect(Step(before=0.0, after=1e9, time=0.35), "a.u")
+    with pytest.raises(SimulationError, match=r"a \(lag.fmu\) at t = 0.4 s.*left the finite") as caught:
+        master.run(stop=1.0)
+    assert caught.value.result.time.tolist() == [0.0, 0.1, 0.2, 0.3, 0.4]
+    assert not caught.value.result.complete
+
+
+def test_a_failing_twin_says_the_same():
+    master = Master(step=0.1).add("a", lag()).connect(Step(before=0.0, after=1e9, time=0.35), "a.u")
+    with pytest.raises(SimulationError, match=r"a at t = 0.4 s: y has left the finite numbers"):
+        master.run(stop=1.0)
+
+
+def test_a_value_that_is_not_finite_is_named(foreign_fmu):
+    master = Master(step=0.1).add("f", foreign_fmu)
+    master.connect(Step(before=0.0, after=-1.0, time=0.25), "f.level")
+    with pytest.raises(SimulationError, match=r"f.root is not finite at t = 0.4 s") as caught:
+        master.run(stop=1.0)
+    assert caught.value.result.time[-1] == pytest.approx(0.3)
+
+
+# ---- Ctrl-C ----
+
+def test_ctrl_c_leaves_a_partial_result_that_can_be_read(tmp_path):
+    master = Master(step=1e-3).add("a", counter())
+    before = signal.getsignal(signal.SIGINT)
+
+    def press(now):
+        if now > 2.0:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    with pytest.raises(Interrupted, match="interrupted at t = ") as caught:
+        master.run(stop=1e3, progress=press)
+    assert signal.getsignal(signal.SIGINT) is before
+    partial = caught.value.result
+    assert not partial.complete
+    assert 2.0 < partial.time[-1] < 10.0
+    assert (partial["a.steps"] == np.arange(partial.time.size)).all()
+    partial.to_parquet(tmp_path / "partial.parquet")
+    assert not Result.read(tmp_path / "partial.parquet").complete
+
+
+def test_runs_outside_the_main_thread():
+    results = []
+    master = Master(step=1e-2).add("a", counter())
+    thread = threading.Thread(target=lambda: results.append(master.run(stop=0.1)))
+    thread.start()
+    thread.join()
+    assert results[0]["a.steps"][-1] == 10
+
+
+# ---- what is refused ----
+
+def pair():
+    return Master(step=1e-2).add("a", lag()).add("b", counter())
+
+
+@pytest.mark.parametrize(("put_together", "words"), [
+    (lambda: Master(order="jakobi"), "did you mean 'jacobi'"),
+    (lambda: Master(step=0), "positive length"),
+    (lambda: Master(step=1 / 3), "whole number of nanoseconds"),
+    (lambda: Master().run(stop=1.0), "add a participant"),
+    (lambda: pair().run(stop=0.0), "later stop"),
+    (lambda: pair().add("a", lag()), "not taken"),
+    (lambda: pair().add("a.b", lag()), "without a dot"),
+    (lambda: pair().add("c", "no_such_fmu"), "no_such_fmu"),
+    (lambda: pair().add("c", "gone.fmu"), "there is no FMU gone.fmu"),
+    (lambda: pair().add("c", lag(), parameters={"time_konstant": 1}), "did you mean 'time_constant'"),
+    (lambda: pair().add("c", lag(), parameters={"time_constant": -1}), "c: time_constant is -1 s: at least"),
+    (lambda: pair().add("c", lag(), parameters={"time_constant": "1 m"}), "cannot be converted to 's'"),
+    (lambda: pair().add("c", lag(), parameters={"u": 1}), "causality input: a parameter is needed"),
+    (lambda: pair().connect("a.y", "b.v"), "b has no variable 'v'"),
+    (lambda: pair().connect("a.z", "b.u"), "a has no variable 'z'"),
+    (lambda: pair().connect("c.y", "b.u"), "there is no participant 'c'"),
+    (lambda: pair().connect("nothing", "b.u"), "there is no signal 'nothing'"),
+    (lambda: pair().connect("a.y", "u"), "like 'participant.variable'"),
+    (lambda: pair().connect("a.u", "b.u"), "'a.u' is of causality input: only an output"),
+    (lambda: pair().connect("a.y", "b.seen"), "'b.seen' is of causality output: only an input"),
+    (lambda: pair().connect("a.y_speed", "b.u"), "'rad/s' cannot be converted to 'deg'"),
+    (lambda: pair().connect("a.y", "a.gear"), "real, but 'a.gear' is integer"),
+    (lambda: pair().connect("a.y", "b.u").connect("a.y", "b.u"), "one source for each input"),
+    (lambda: pair().connect(Constant(value=1, unit="kg"), "b.u").run(stop=1), "'kg' cannot be converted"),
+    (lambda: pair().connect(7, "a.gear").run(stop=1), "a.gear is 7 1: at most 6"),
+    (lambda: pair().connect(1.5, "a.gear").run(stop=1), "whole number"),
+    (lambda: pair().connect(Step(before=1, after=9, time=0.5), "a.gear").run(stop=1),
+     "at t = 0.5 s: a.gear is 9"),
+    (lambda: pair().connect(float("nan"), "a.u").run(stop=1), "finite"),
+    (lambda: pair().record("a.x").run(stop=1), "nothing to record is called 'a.x'"),
+    (lambda: pair().signal("a", RAMP), "not taken"),
+])
+def test_wrong_input_gets_one_clear_message(put_together, words):
+    with pytest.raises(InputError, match=words) as caught:
+        put_together()
+    assert "\n" not in str(caught.value)
+
+
+def repacked(fmu, target, change):
+    """A copy of an FMU with its model description (or the names of its files) changed."""
+    with zipfile.ZipFile(fmu) as old, zipfile.ZipFile(target, "w") as new:
+        for name in old.namelist():
+            changed = change(name, old.read(name))
+            if changed is not None:
+                new.writestr(*changed)
+    return target
+
+
+@pytest.mark.parametrize(("change", "words"), [
+    (lambda name, data: (name, data.replace(b'fmiVersion="2.0"', b'fmiVersion="3.0"')), "FMI 3.0|not an FMU"),
+    (lambda name, data: (name, data.replace(b"<CoSimulation", b"<Odd").replace(b"</CoSimulation", b"</Odd")),
+     "not an FMU|model exchange"),
+    (lambda name, data: None if name.startswith("binaries") else (name, data), "has binaries for nothing"),
+    (lambda name, data: None if name.endswith("Description.xml") else (name, data), "not an FMU"),
+    (lambda name, data: (name, data[:40] if name.endswith("Description.xml") else data), "not an FMU"),
+])
+def test_what_is_no_usable_fmu_is_refused_by_name(fmus, tmp_path, change, words):
+    path = repacked(fmus / "lag.fmu", tmp_path / "odd.fmu", change)
+    with pytest.raises(InputError, match=f"a: .*odd.fmu.*({words})"):
+        FmuParticipant("a", path)
+
+
+def test_a_file_that_is_no_archive_is_refused(tmp_path):
+    (tmp_path / "x.fmu").write_text("no zip")
+    with pytest.raises(InputError, match=r"x.fmu is not an FMU"):
+        Master().add("a", tmp_path / "x.fmu")
+
+
+def test_a_parameter_the_fmu_itself_refuses_is_wrong_input(fmus, tmp_path, capfd):
+    loose = repacked(fmus / "lag.fmu", tmp_path / "loose.fmu",
+                     lambda name, data: (name, data.replace(b'min="1e-06"', b'')))
+    master = Master(step=0.1).add("a", loose, parameters={"time_constant": 0.0})
+    with pytest.raises(InputError, match=r"a does not initialize: .*time_constant is 0 s"):
+        master.run(stop=1.0)
+
+
+def test_a_folder_with_a_blank_and_a_plus_is_no_obstacle(fmus, tmp_path):
+    folder = tmp_path / "a folder + more"
+    folder.mkdir()
+    shutil.copy(fmus / "lag.fmu", folder)
+    assert Master(step=0.1).add("a", folder / "lag.fmu").run(stop=0.1).complete

@@ -1,0 +1,224 @@
+"""Measurements: every channel on its own clock in SI, repairs said aloud, faults named."""
+
+import gzip
+import logging
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cosim.master import Result
+from cosim.measured import CANONICAL, compare, load
+from cosim.measured.measurement import KINDS
+from driveline.quantities import InputError
+
+SHARED = Path(__file__).parents[3] / "shared" / "measured"
+
+TOML = """
+vehicle = "pickup_10r80"
+[[manoeuvre]]
+file = "log.csv"
+kind = "tip_in"
+gear = 5
+[channels.time]
+column = "t"
+unit = "ms"
+[channels.engine_speed]
+column = "nEng"
+unit = "rpm"
+[channels.vehicle_speed]
+column = "v"
+unit = "km/h"
+[channels.wheel_speed]
+column = ["wl", "wr"]
+unit = "rad/s"
+[channels.engine_torque]
+column = "T"
+unit = "N.m"
+factor = -1
+"""
+CSV = """t,nEng,v,wl,wr,T
+0,600,,1,3,-5
+10,,36,,,
+25,1200,NaN,2,4,6
+40,,72,,,
+"""
+
+
+def write(folder, toml=TOML, csv=CSV):
+    (folder / "measurement.toml").write_text(toml)
+    (folder / "log.csv").write_text(csv)
+    return folder
+
+
+def test_channels_are_in_si_on_their_own_clocks(tmp_path):
+    measurement = load(write(tmp_path))
+    manoeuvre = measurement["log"]
+    assert (measurement.vehicle, manoeuvre.kind, manoeuvre.gear) == ("pickup_10r80", "tip_in", 5)
+    assert manoeuvre["engine_speed"].time == pytest.approx([0.0, 0.025], abs=1e-15)
+    assert manoeuvre["engine_speed"].values == pytest.approx([20 * np.pi, 40 * np.pi])
+    assert manoeuvre["vehicle_speed"].time == pytest.approx([0.010, 0.040], abs=1e-15)
+    assert manoeuvre["vehicle_speed"].values == pytest.approx([10.0, 20.0])
+    assert manoeuvre["wheel_speed"].values == pytest.approx([2.0, 3.0])
+    assert manoeuvre["engine_torque"].values.tolist() == [5.0, -6.0]
+    assert (manoeuvre.start, manoeuvre.stop) == (0.010, 0.025)
+    assert {c.unit for c in manoeuvre.channels.values()} == {"rad/s", "m/s", "N.m"}
+
+
+def test_one_file_with_canonical_names_needs_no_description(tmp_path):
+    path = tmp_path / "bench.csv.gz"
+    path.write_bytes(gzip.compress(b"time [ms],motor_speed [rpm],force\n0,60,1\n500,120,2\n"))
+    manoeuvre = load(path).manoeuvres[0]
+    assert manoeuvre.name == "bench"
+    assert manoeuvre["motor_speed"].time.tolist() == [0.0, 0.5]
+    assert manoeuvre["motor_speed"].values == pytest.approx([2 * np.pi, 4 * np.pi])
+    assert manoeuvre["force"].values.tolist() == [1.0, 2.0]
+
+
+def test_semicolons_and_decimal_commas(tmp_path):
+    (tmp_path / "a.csv").write_text("time;force\n0,0;1,5\n0,1;2,5\n")
+    assert load(tmp_path / "a.csv").manoeuvres[0]["force"].values.tolist() == [1.5, 2.5]
+
+
+def test_gaps_are_found(tmp_path):
+    times = np.concatenate([np.arange(100), np.arange(150, 200)]) * 0.01
+    (tmp_path / "a.csv").write_text("time,force\n" + "".join(f"{t:.2f},1\n" for t in times))
+    assert load(tmp_path / "a.csv").manoeuvres[0]["force"].gaps() == [(0.99, 1.5)]
+
+
+def test_a_discrete_channel_is_held_and_a_continuous_one_interpolated(tmp_path):
+    (tmp_path / "a.csv").write_text("time,gear,force\n0,3,0\n1,4,10\n")
+    manoeuvre = load(tmp_path / "a.csv").manoeuvres[0]
+    assert float(manoeuvre["gear"].at(0.9)) == 3.0
+    assert float(manoeuvre["force"].at(0.9)) == pytest.approx(9.0)
+
+
+def test_small_faults_of_the_clock_are_repaired_and_said(tmp_path, caplog):
+    caplog.set_level(logging.WARNING, "cosim")
+    rows = "0,1,1,1,1,1\n20,3,3,3,3,3\n10,2,2,2,2,2\n20,9,9,9,9,9\n,7,7,7,7,7\n"
+    manoeuvre = load(write(tmp_path, csv="t,nEng,v,wl,wr,T\n" + rows)).manoeuvres[0]
+    assert manoeuvre["vehicle_speed"].values * 3.6 == pytest.approx([1.0, 2.0, 3.0])
+    notices = " | ".join(manoeuvre.notices)
+    assert "steps back 1 times" in notices
+    assert "1 repeated instants" in notices
+    assert "1 rows without a time" in notices
+    assert "repeated instants" in caplog.text
+
+
+def test_keys_without_meaning_are_said(tmp_path, caplog):
+    caplog.set_level(logging.WARNING, "cosim")
+    load(write(tmp_path, TOML.replace("gear = 5", "geer = 5")))
+    assert "'geer' has no meaning in a manoeuvre and is ignored; did you mean 'gear'?" in caplog.text
+
+
+@pytest.mark.parametrize(("toml", "csv", "words"), [
+    (TOML.replace('"nEng"', '"nEgn"'), CSV, r"log.csv: there is no column 'nEgn'; did you mean 'nEng'"),
+    (TOML.replace('"nEng"', '"engine"'), CSV, r"no column 'engine'.*known: T, nEng"),
+    (TOML.replace('"rpm"', '"rpn"'), CSV, r"channels.engine_speed: .*unknown unit 'rpn'"),
+    (TOML.replace('"rpm"', '"N.m"'), CSV, r"engine_speed is measured in rad/s: 'N.m' cannot be converted"),
+    (TOML.replace('unit = "rpm"', ""), CSV, r"column 'nEng' has no unit"),
+    (TOML.replace('unit = "ms"', 'unit = "m"'), CSV, r"time: 'm' cannot be converted to 's'"),
+    (TOML.replace("channels.engine_speed", "channels.engine_sped"), CSV, r"did you mean 'engine_speed'"),
+    (TOML.replace("tip_in", "tipin"), CSV, r"kind is 'tipin'; did you mean 'tip_in'"),
+    (TOML.replace("gear = 5", "gear = 5.5"), CSV, r"gear is 5.5: a whole number"),
+    (TOML.replace('file = "log.csv"', 'file = "gone.csv"'), CSV, r"there is no data file .*gone.csv"),
+    (TOML.replace('file = "log.csv"', 'file = "measurement.toml"'), CSV, r"unknown kind of data file"),
+    (TOML.replace('file = "log.csv"', ""), CSV, r"needs file"),
+    (TOML.replace("[[manoeuvre]]", "[manoeuvre]"), CSV, r"at least one \[\[manoeuvre\]\]"),
+    (TOML.replace('column = "t"', "column = 3"), CSV, r"time is 3: the name of a column"),
+    (TOML + "x = = 1\n", CSV, r"measurement.toml: .*line"),
+    (TOML, CSV.replace("1200", "fast"), r"log.csv, line 4, column 'nEng': 'fast' is not a number"),
+    (TOML, "", r"log.csv is empty"),
+    (TOML, "t,nEng,v,wl,wr,T\n", r"no rows"),
+    (TOML, "t,nEng,v,wl,wr,T\n0,,1,1,1,1\n", r"column 'nEng' holds no values"),
+    (TOML, "t,nEng,v,wl,wr,T\n0,1,1,1,1,1\n9000,1,1,1,1,1\n0,1,1,1,1,1\n",
+     r"jumps back by 9 s at data row 3"),
+])
+def test_what_is_wrong_is_named(tmp_path, toml, csv, words):
+    with pytest.raises(InputError, match=words) as caught:
+        load(write(tmp_path, toml, csv))
+    assert "\n" not in str(caught.value)
+
+
+def test_what_is_missing_is_named(tmp_path):
+    with pytest.raises(InputError, match=r"has no measurement.toml"):
+        load(tmp_path)
+    with pytest.raises(InputError, match="there is no measurement"):
+        load(tmp_path / "gone")
+    (tmp_path / "odd.csv").write_text("time,speed\n0,1\n")
+    with pytest.raises(InputError, match="no column bears a canonical name.*there are time, speed"):
+        load(tmp_path / "odd.csv")
+    (tmp_path / "bad.csv.gz").write_text("no gzip")
+    with pytest.raises(InputError, match="not a readable CSV"):
+        load(tmp_path / "bad.csv.gz")
+
+
+@pytest.mark.parametrize("version", ["5", "7.3"])
+def test_mat_files(tmp_path, version):
+    arrays = {"time": np.arange(4) * 0.1, "force": np.arange(4.0) ** 2, "note": "text"}
+    if version == "5":
+        import scipy.io
+        scipy.io.savemat(tmp_path / "a.mat", arrays)
+    else:
+        h5py = pytest.importorskip("h5py")
+        with h5py.File(tmp_path / "a.mat", "w", userblock_size=512) as file:
+            for name in ("time", "force"):
+                file[name] = arrays[name][np.newaxis, :]
+        with open(tmp_path / "a.mat", "r+b") as file:  # the header MATLAB writes before the HDF5 part
+            file.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM")
+    channel = load(tmp_path / "a.mat").manoeuvres[0]["force"]
+    assert channel.values.tolist() == [0.0, 1.0, 4.0, 9.0]
+    assert channel.time == pytest.approx([0.0, 0.1, 0.2, 0.3])
+
+
+def test_a_result_equal_to_the_measurement_has_no_error_on_any_clock(tmp_path):
+    """A straight line is its own interpolation, whatever the instants."""
+    random = np.random.default_rng(0)
+    clock = np.sort(random.uniform(0.0, 1.2, 40))
+    rows = "".join(f"{t!r},{30 * t + 20!r}\n" for t in clock.tolist())
+    (tmp_path / "a.csv").write_text("time,vehicle_speed [km/h]\n" + rows)
+    manoeuvre = load(tmp_path / "a.csv").manoeuvres[0]
+    time = np.arange(101) / 100
+    result = Result(time, {"plant.v": (30 * time + 20) * 1000}, {"plant.v": "m/h"})
+    same, = compare(result, manoeuvre, {"plant.v": "vehicle_speed"})
+    assert same.samples == (clock <= 1.0).sum() < clock.size
+    assert same.rms_error == pytest.approx(0.0, abs=1e-12)
+    shifted = Result(time, {"plant.v": result["plant.v"] + 3600.0}, result.units)
+    other, = compare(shifted, manoeuvre, {"plant.v": "vehicle_speed"})
+    assert (other.mean_error, other.rms_error, other.max_error) == pytest.approx((1.0, 1.0, 1.0))
+    inside = (30 * clock[clock <= 1.0] + 20) / 3.6
+    assert other.nrmse == pytest.approx(1.0 / np.ptp(inside))
+    assert other.nrmse_deviation == pytest.approx(1.0 / np.std(inside))
+
+
+def test_what_cannot_be_compared_is_named(tmp_path):
+    (tmp_path / "a.csv").write_text("time,vehicle_speed\n5,1\n6,2\n")
+    manoeuvre = load(tmp_path / "a.csv").manoeuvres[0]
+    result = Result(np.array([0.0, 1.0]), {"v": np.zeros(2), "w": np.zeros(2)}, {"v": "m/s", "w": "rad/s"})
+    for signal, channel, words in (("v", "vehicle_speed", "no common time"),
+                                   ("w", "vehicle_speed", "cannot be converted"),
+                                   ("v", "engine_speed", "no channel 'engine_speed'"),
+                                   ("x", "vehicle_speed", "no signal")):
+        with pytest.raises(InputError, match=words):
+            compare(result, manoeuvre, {signal: channel})
+
+
+def test_every_canonical_signal_has_a_unit_that_is_known():
+    from cosim import units
+
+    assert all(units.parse(signal.unit) is not None for signal in CANONICAL.values())
+    assert len(set(KINDS)) == len(KINDS)
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason=f"the road log is not beside the checkout ({SHARED})")
+def test_the_road_log_is_read_as_it_came(tmp_path):
+    (tmp_path / "measurement.toml").write_text(
+        f'[[manoeuvre]]\nfile = "{SHARED / "tahoe_6l80_drive.csv.gz"}"\nkind = "drive"\n'
+        '[channels.time]\ncolumn = "time_s"\n'
+        '[channels.vehicle_speed]\ncolumn = "vehicle_speed_mph"\nunit = "mph"\n'
+        '[channels.gear]\ncolumn = "gear"\n')
+    manoeuvre = load(tmp_path).manoeuvres[0]
+    speed, gear = manoeuvre["vehicle_speed"], manoeuvre["gear"]
+    assert speed.time.size != gear.time.size
+    assert 25 < speed.values.max() < 28
+    assert set(gear.values) <= set(range(7))

@@ -1,0 +1,69 @@
+"""Results come back from files to the bit, with units and provenance."""
+
+import numpy as np
+import pytest
+
+from cosim.master import Result
+from driveline.quantities import InputError
+
+
+@pytest.fixture
+def result():
+    random = np.random.default_rng(3)
+    time = np.arange(500) / 1000
+    signals = {"plant.engine_speed": random.normal(size=500) * 1e3,
+               "plant.axle[1], left": random.normal(size=500), "gear": np.full(500, 5.0), "tiny": random.normal(size=500) * 1e-300}
+    units = {"plant.engine_speed": "rad/s", "plant.axle[1], left": "N.m/rad", "gear": "1", "tiny": ""}
+    return Result(time, signals, units,
+                  {"scenario": "x.toml", "notices": ["größer"], "participants": {"a": 1}})
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
+def test_there_and_back_to_the_bit(result, tmp_path, ending):
+    path = tmp_path / f"r.{ending}"
+    getattr(result, f"to_{ending}")(path)
+    back = Result.read(path)
+    assert back.names == result.names
+    assert (back.time == result.time).all()
+    assert all((back[name] == result[name]).all() for name in result.names)
+    assert back.units == result.units
+    assert back.provenance == result.provenance
+    assert back.complete
+
+
+def test_the_csv_header_carries_the_units(result, tmp_path):
+    result.to_csv(tmp_path / "r.csv")
+    header = (tmp_path / "r.csv").read_text().splitlines()[0]
+    assert header.startswith("time [s],plant.engine_speed [rad/s],")
+
+
+def test_an_unknown_signal_is_named_with_what_is_close(result):
+    with pytest.raises(InputError, match=r"no signal 'plant.enginespeed'; did you mean 'plant.engine_speed'"):
+        result["plant.enginespeed"]
+
+
+def test_a_failed_write_leaves_what_was_there(result, tmp_path, monkeypatch):
+    import polars
+
+    path = tmp_path / "r.parquet"
+    result.to_parquet(path)
+    before = path.read_bytes()
+
+    def half(self, file, **_):
+        file.write_bytes(b"half")
+        raise OSError("disk full")
+
+    monkeypatch.setattr(polars.DataFrame, "write_parquet", half)
+    with pytest.raises(OSError, match="disk full"):
+        result.to_parquet(path)
+    assert path.read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == ["r.parquet"]
+
+
+@pytest.mark.parametrize(("name", "content"), [("x.csv", "time,a\n0,1\n"), ("x.parquet", "no parquet")])
+def test_what_is_no_result_is_refused(tmp_path, name, content):
+    (tmp_path / name).write_text(content)
+    with pytest.raises(InputError, match=f"{name} is not a result"):
+        Result.read(tmp_path / name)
+    with pytest.raises(InputError, match="there is no result"):
+        Result.read(tmp_path / "gone.csv")

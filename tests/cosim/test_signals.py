@@ -1,0 +1,68 @@
+"""Profiles do what their parameters say at the instants where it matters."""
+
+import numpy as np
+import pytest
+
+from cosim.signals import Constant, FirstOrder, PulseTrain, Ramp, Step, Table, from_table
+from driveline.quantities import InputError
+
+
+def test_step_has_its_new_value_at_its_time():
+    step = Step(before=1.0, after=2.0, time=0.3)
+    assert step.values(np.array([0.0, np.nextafter(0.3, 0), 0.3, 5.0])).tolist() == [1.0, 1.0, 2.0, 2.0]
+
+
+def test_ramp_is_straight_between_its_ends():
+    ramp = Ramp(before=-20.0, after=250.0, time=1.0, duration=0.5)
+    assert ramp.values(np.array([0.0, 1.0, 1.25, 1.5, 9.0])).tolist() == [-20.0, -20.0, 115.0, 250.0, 250.0]
+
+
+def test_first_order_solves_its_differential_equation():
+    lag = FirstOrder(before=3.0, after=-1.0, time=0.5, time_constant=0.2)
+    t, h = np.linspace(0.6, 2.0, 50), 1e-5
+    slope = (lag.values(t + h) - lag.values(t - h)) / (2 * h)
+    assert slope == pytest.approx((-1.0 - lag.values(t)) / 0.2, rel=1e-6, abs=1e-8)
+    assert lag.values(np.array([0.0, 0.5])).tolist() == [3.0, 3.0]
+
+
+def test_pulses_begin_at_multiples_of_the_period_although_floats_do_not():
+    pulses = PulseTrain(low=0.0, high=1.0, time=0.1, period=0.1, width=0.05, count=30)
+    ticks = np.arange(0, 5000) # ms
+    on = pulses.values(ticks / 1000.0) > 0.5
+    expected = (ticks >= 100) & (ticks < 3100) & ((ticks - 100) % 100 < 50)
+    assert (on == expected).all()
+
+
+def test_table_holds_or_interpolates_and_stays_beyond_its_ends():
+    t = np.array([-1.0, 0.0, 0.5, 1.0, 3.0])
+    assert Table(times=[0, 1], data=[2, 4]).values(t).tolist() == [2, 2, 3, 4, 4]
+    assert Table(times=[0, 1], data=[2, 4], interpolation="hold").values(t).tolist() == [2, 2, 2, 4, 4]
+
+
+def test_every_kind_is_read_from_its_table():
+    assert from_table({"kind": "constant", "value": 3, "unit": "N.m"}) == Constant(value=3, unit="N.m")
+    step = {"before": 0, "after": 1, "time": 2.0}
+    assert from_table({"kind": "step", **step}) == Step(**step)
+
+
+@pytest.mark.parametrize(("table", "words"), [
+    ({}, "kind is None"),
+    ({"kind": "rampp"}, "did you mean 'ramp'"),
+    ({"kind": "step", "before": 0, "after": 1}, "also needs time"),
+    ({"kind": "step", "before": 0, "after": 1, "tme": 1}, "no 'tme'; did you mean 'time'"),
+    ({"kind": "step", "before": "low", "after": 1, "time": 1}, "before is 'low': a number"),
+    ({"kind": "step", "before": True, "after": 1, "time": 1}, "a number is needed"),
+    ({"kind": "ramp", "before": 0, "after": 1, "time": 1, "duration": 0}, "duration is 0: a positive"),
+    ({"kind": "first_order", "before": 0, "after": 1, "time": 1, "time_constant": -1}, "positive"),
+    ({"kind": "pulse_train", "low": 0, "high": 1, "time": 0, "period": 1, "width": 1},
+     "less than the period"),
+    ({"kind": "table", "times": [0, 1, 1], "data": [0, 1, 2]}, "do not increase from entry 2"),
+    ({"kind": "table", "times": [0, 1], "data": [0]}, "equally many"),
+    ({"kind": "table", "times": [], "data": []}, "at least one"),
+    ({"kind": "table", "times": [0], "data": [float("nan")]}, "not finite"),
+    ({"kind": "table", "times": [0], "data": [1], "interpolation": "cubic"}, "interpolation is 'cubic'"),
+    ({"kind": "table", "times": "0 1", "data": [1]}, "a list of numbers"),
+])
+def test_messages(table, words):
+    with pytest.raises(InputError, match=words):
+        from_table(table)

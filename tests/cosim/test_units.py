@@ -1,0 +1,57 @@
+"""Units convert as physics says, and only where the two measure the same thing."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cosim import units
+from driveline.quantities import InputError
+
+
+@pytest.mark.parametrize(("source", "target", "factor"), [
+    ("rpm", "rad/s", math.pi / 30), ("deg", "rad", math.pi / 180), ("km/h", "m/s", 1 / 3.6),
+    ("mph", "m/s", 0.44704), ("N.m/deg", "N.m/rad", 180 / math.pi), ("Nm", "N.m", 1.0),
+    ("kg.m2", "kg*m^2", 1.0),
+    ("%", "1", 0.01), ("s-1", "Hz", 1.0), ("g_0", "m/s2", 9.80665), ("N.m.s/rad", "N.m/(rad/s)", 1.0),
+    ("mrad", "rad", 1e-3), ("rad/s2", "rad/s2", 1.0)])
+def test_factor(source, target, factor):
+    assert units.conversion(source, target) == (pytest.approx(factor, rel=1e-15), 0.0)
+
+
+def test_an_offset_is_an_offset():
+    assert units.conversion("degC", "K") == (pytest.approx(1.0), pytest.approx(273.15))
+
+
+@pytest.mark.parametrize(("source", "target"), [
+    ("Hz", "rad/s"), ("1/min", "rad/s"), ("N.m", "N.m/rad"), ("rad", "1"), ("m/s", "m/s2"), ("N", "N.m")])
+def test_what_measures_something_else_is_refused(source, target):
+    with pytest.raises(InputError, match="cannot be converted"):
+        units.conversion(source, target)
+
+
+@pytest.mark.parametrize("text", ["rpn", "N..m", "furlong per", "(", "5"])
+def test_an_unknown_unit_is_named(text):
+    with pytest.raises(InputError, match=r"unknown unit|cannot be converted"):
+        units.conversion(text, "m")
+
+
+@given(st.floats(-1e6, 1e6, allow_subnormal=False))
+def test_there_and_back(value):
+    factor, offset = units.conversion("degF", "K")
+    back, back_offset = units.conversion("K", "degF")
+    assert (value * factor + offset) * back + back_offset == pytest.approx(value, rel=1e-9, abs=1e-9)
+
+
+def test_a_value_carries_its_unit_or_is_in_the_one_wanted():
+    assert units.in_unit("50 km/h", "m/s", "v") == pytest.approx(50 / 3.6)
+    assert units.in_unit("-1.5e2", "N.m", "T") == units.in_unit(-150, "N.m", "T") == -150.0
+
+
+@pytest.mark.parametrize(("value", "words"), [("fast", "a number is needed, in m/s"), ("3 kg", "cannot be"),
+                                              (None, "a number"), ("3 parsecc", "unknown unit"),
+                                              ([1], "a number")])
+def test_the_message_names_what_is_wrong(value, words):
+    with pytest.raises(InputError, match=f"^speed is .*{words}"):
+        units.in_unit(value, "m/s", "speed")
