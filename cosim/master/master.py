@@ -153,7 +153,7 @@ class Master:
         Raises:
             InputError: The names, causality, type or unit do not fit, or the input has a source.
         """
-        wires.find_input(target, self._participants)
+        variable = wires.find_input(target, self._participants)
         if target in self._wires:
             raise InputError(f"'{target}' is connected to '{self._wires[target]}' already: "
                              f"one source for each input, not also '{source}'")
@@ -167,6 +167,8 @@ class Master:
                 raise InputError(f"there is no signal '{source}'"
                                  f"{did_you_mean(source, [s for s in self._signals if s[0] != '='])}")
             wires.between(source, target, self._participants)
+        if source in self._signals and self._signals[source].unit:
+            wires.convert(source, self._signals[source].unit, target, variable.unit)
         self._wires[target] = source
         return self
 
@@ -201,7 +203,7 @@ class Master:
 
         def result(complete: bool) -> Result:
             count = loop.recording.count
-            return Result(loop.recording.times[:count],
+            return Result(loop.recording.times(),
                           {name: loop.recording.rows[:count, i].copy() for i, name in enumerate(names)},
                           dict(zip(names, units_)), self._provenance(start, stop), complete)
 
@@ -329,10 +331,10 @@ class Master:
             if connection.source not in self._signals:
                 continue
             variable = wires.find_input(connection.target, self._participants)
+            signal = self._signals[connection.source]
             for times, _ in clock.blocks(100_000):
-                seconds = times / clocks.PER_SECOND
-                values = self._signals[connection.source].values(seconds)
-                values = values * connection.factor + connection.offset
+                seconds = times[:1 if isinstance(signal, Constant) else None] / clocks.PER_SECOND
+                values = signal.values(seconds) * connection.factor + connection.offset
                 possible = np.isfinite(values)
                 if variable.minimum is not None:
                     possible &= values >= variable.minimum
@@ -348,6 +350,8 @@ class Master:
                         raise InputError(
                             f"signal '{connection.source.lstrip('=')}' at t = {seconds[first]:g} s: "
                             f"{connection.target.partition('.')[0]}.{error}") from error
+                if isinstance(signal, Constant):
+                    break
 
     def _constants(self, by_target: dict[str, wires.Connection]) -> dict[str, float]:
         """What never changes during the run: constant signals, the inputs they drive, unconnected inputs

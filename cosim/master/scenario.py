@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from cosim import units
+from cosim.master.clock import PER_SECOND, step_length
 from cosim.master.master import Master
 from cosim.master.parameters import find_fmu
 from cosim.measured import CANONICAL, Comparison, Manoeuvre, compare
@@ -103,7 +104,8 @@ class Scenario:
 
     @property
     def _step(self) -> float:
-        return self._seconds("step", 1e-3)
+        with self._file.at("step"):
+            return step_length(units.in_unit(self._table.get("step", 1e-3), "s", "step"), "step") / PER_SECOND
 
     def master(self) -> Master:
         """Everything put together and checked, ready to run.
@@ -112,8 +114,7 @@ class Scenario:
             InputError: The message names file, line and key, and what would be right.
         """
         table, at = self._table, self._file.at
-        with at("step"):
-            step = self._step
+        step = self._step
         with at("order"):
             master = Master(step, table.get("order", "jacobi"))
         for name, entry in table["fmu"].items():

@@ -57,11 +57,17 @@ class Seat:
 
 @dataclass
 class Recording:
-    """What a run wrote down: ``rows[:count]`` are valid."""
+    """What a run wrote down: ``rows[:count]``, every ``period`` [ns] from the start and at the stop."""
 
-    times: np.ndarray
+    clock: Clock
+    period: int
     rows: np.ndarray
     count: int = 0
+
+    def times(self) -> np.ndarray:
+        """The instants of the rows [s]."""
+        ticks = self.clock.start + np.arange(self.count, dtype=np.int64) * self.period
+        return np.minimum(ticks, self.clock.stop) / PER_SECOND
 
 
 @dataclass
@@ -91,9 +97,9 @@ class Loop:
         self._seats, self._bus, self._signals, self._clock = seats, bus, signals, clock
         self._recorded, self._gauss_seidel = recorded, gauss_seidel
         self._record_bit = clock.bit(record_period)
-        times = clock.start + np.arange(clock.count(record_period), dtype=np.int64) * record_period
-        times[-1] = clock.stop
-        self.recording = Recording(times / PER_SECOND, np.zeros((times.size, recorded.size)))
+        # zeros take no memory before they are written to, so a long run may end early
+        self.recording = Recording(clock, record_period,
+                                   np.zeros((clock.count(record_period), recorded.size)))
         self._samplers = [self._sampler(seat) for seat in seats]
 
     def initialize(self) -> None:
@@ -222,8 +228,9 @@ class Loop:
         bad = ~np.isfinite(recording.rows[first:recording.count])
         if bad.any():
             row, column = (int(i) for i in np.argwhere(bad)[0])
+            when = float(recording.times()[first + row])
             recording.count = first + row  # what is before it is good
-            raise _NotFinite(column, float(recording.times[first + row]))
+            raise _NotFinite(column, when)
 
 
 class _NotFinite(SimulationError):

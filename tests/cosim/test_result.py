@@ -12,7 +12,8 @@ def result():
     random = np.random.default_rng(3)
     time = np.arange(500) / 1000
     signals = {"plant.engine_speed": random.normal(size=500) * 1e3,
-               "plant.axle[1], left": random.normal(size=500), "gear": np.full(500, 5.0), "tiny": random.normal(size=500) * 1e-300}
+               "plant.axle[1], left": random.normal(size=500), "gear": np.full(500, 5.0),
+               "tiny": random.normal(size=500) * 1e-300}
     units = {"plant.engine_speed": "rad/s", "plant.axle[1], left": "N.m/rad", "gear": "1", "tiny": ""}
     return Result(time, signals, units,
                   {"scenario": "x.toml", "notices": ["größer"], "participants": {"a": 1}})

@@ -1,0 +1,197 @@
+"""Scenario files: what they say is what runs, and what is wrong is named with file, line and key."""
+
+import json
+
+import numpy as np
+import pytest
+
+from cosim.master import Master, Ramp, Scenario
+from cosim.master.scenario import names
+from driveline.quantities import InputError
+
+TEXT = """\
+title = "Lag and counter"
+stop = "0.5 s"
+step = "1 ms"
+record = ["ramp", "a.*", "b.seen"]
+record_step = "5 ms"
+
+[fmu.a]
+file = "lag.fmu"
+
+[fmu.a.parameters]
+time_constant = "50 ms"
+start_angle = "10 deg"
+
+[fmu.b]
+file = "counter.fmu"
+step = 0.005
+
+[signals.ramp]
+kind = "ramp"
+unit = "deg"
+before = 0
+after = 90
+time = 0.1
+duration = 0.1
+
+[connections]
+"a.u" = "ramp"
+"a.gear" = 3
+"b.u" = "a.y"
+"""
+
+MEASURED = """
+[measurement]
+path = "log.csv"
+
+[signals.engine_speed]
+kind = "measured"
+
+[compare]
+"a.y_speed" = "engine_speed"
+"""
+
+
+@pytest.fixture
+def folder(fmus, tmp_path):
+    for name in ("lag.fmu", "counter.fmu"):
+        (tmp_path / name).symlink_to(fmus / name)
+    (tmp_path / "log.csv").write_text("time,engine_speed [rpm],gear\n0.0104,60,3\n0.25,90,4\n0.4999,60,4\n")
+    return tmp_path
+
+
+def write(folder, text=TEXT):
+    path = folder / "scenario.toml"
+    path.write_text(text)
+    return path
+
+
+def test_a_file_and_the_same_in_python_give_the_same_bits(folder):
+    result = Scenario.load(write(folder)).run()
+    same = (Master(step=1e-3)
+            .add("a", folder / "lag.fmu", parameters={"time_constant": 0.05, "start_angle": np.pi / 18})
+            .add("b", folder / "counter.fmu", step=5e-3)
+            .signal("ramp", Ramp(before=0, after=90, time=0.1, duration=0.1, unit="deg"))
+            .connect("ramp", "a.u").connect(3, "a.gear").connect("a.y", "b.u")
+            .record("ramp", "a.*", "b.seen", step=5e-3).run(stop=0.5))
+    assert result.names == ["ramp", "a.u", "a.gear", "a.y", "a.y_speed", "a.gear_out", "b.seen"]
+    assert result.names == same.names
+    assert all((result[name] == same[name]).all() for name in result.names)
+    assert result.units["ramp"] == "deg"
+    assert result["a.u"][-1] == pytest.approx(np.pi / 2)
+
+
+def test_provenance_tells_what_ran(folder):
+    path = write(folder)
+    provenance = Scenario.load(path, {"a.time_constant": "20 ms"}).run().provenance
+    assert provenance["participants"]["a"]["parameters"]["time_constant"] == 0.02
+    assert provenance["set"] == {"a.time_constant": "20 ms"}
+    assert len(provenance["participants"]["a"]["guid"]) > 30
+    assert provenance["participants"]["b"]["step"] == 0.005
+    path.write_text(path.read_text() + "# a remark\n")
+    assert Scenario.load(path).run().provenance["scenario_sha256"] != provenance["scenario_sha256"]
+    assert str(folder) not in json.dumps(provenance)  # a result file may be passed on
+
+
+def test_an_input_can_be_held_from_outside(folder):
+    result = Scenario.load(write(folder), {"a.gear": "5", "a.u": "180 deg"}).run()
+    assert set(result["a.gear_out"][1:]) == {5.0}
+    assert result["a.u"].tolist() == [np.pi] * result.time.size
+
+
+def test_a_measurement_drives_and_is_compared_on_its_own_clock(folder):
+    text = TEXT.replace('stop = "0.5 s"\n', "").replace('"a.gear" = 3', '"a.gear" = "gear"')
+    text = text.replace('start_angle = "10 deg"', "start_angle = 0.0") + MEASURED.replace(
+        "[compare]", '[signals.gear]\nkind = "measured"\n[compare]')
+    scenario = Scenario.load(write(folder, text))
+    assert (scenario.start, scenario.stop) == (0.011, 0.499)
+    result = scenario.run()
+    assert (result.time[0], result.time[-1]) == (0.011, 0.499)
+    assert result["a.gear"].tolist() == np.where(result.time < 0.25, 3.0, 4.0).tolist()
+    assert result["a.gear"][0] == 3.0
+    row, = scenario.compare(result)
+    assert row.samples == 1  # the first and the last lie outside the whole steps
+    assert row.measured == pytest.approx([3 * np.pi])
+
+
+def test_a_switch_made_of_a_measured_channel(folder):
+    text = TEXT + MEASURED.replace('kind = "measured"', 'kind = "measured"\nabove = "75 rpm"').replace(
+        "[compare]", "").replace('"a.y_speed" = "engine_speed"', "")
+    text = text.replace('"ramp", "a.*"', '"engine_speed", "a.*"')
+    result = Scenario.load(write(folder, text)).run()
+    assert result["engine_speed"].tolist() == ((result.time >= 0.25) & (result.time < 0.4999)).tolist()
+
+
+def test_a_parameter_can_be_what_was_measured_at_the_start(folder):
+    text = TEXT.replace('stop = "0.5 s"', 'stop = "0.5 s"\nstart = 0.25') + MEASURED
+    text = text.replace('time_constant = "50 ms"', 'start_angle = { measured = "gear" }').replace(
+        'start_angle = "10 deg"', "")
+    with pytest.raises(InputError, match=r"start_angle: .*'1' cannot be converted to 'rad'"):
+        Scenario.load(write(folder, text)).master()
+
+
+@pytest.mark.parametrize(("old", "new", "words"), [
+    ('stop = "0.5 s"', "", "stop is missing"),
+    ('stop = "0.5 s"', 'stop = "0.5 m"', r"line 2: stop: stop is '0.5 m': 'm' cannot be converted"),
+    ('step = "1 ms"', "step = 0", r"line 3: step: .*positive"),
+    ('step = "1 ms"', 'setp = "1 ms"', r"line 3: setp: a scenario has no such key; did you mean .*'step'"),
+    ('step = "1 ms"', 'order = "jakobi"', r"line 3: order: .*did you mean 'jacobi'"),
+    ("[fmu.a]", "[fmus.a]", r"fmus: a scenario has no such key; did you mean 'fmu'"),
+    ('file = "lag.fmu"', 'file = "leg.fmu"', r"line 7: fmu.a: there is no FMU leg.fmu"),
+    ('file = "lag.fmu"', 'flie = "lag.fmu"', r"line 8: fmu.a.flie: .*did you mean 'file'"),
+    ('file = "lag.fmu"', 'file = "lag.fmu"\ntwin = "plant_fom"', r"fmu.a: either file"),
+    ('file = "lag.fmu"', 'twin = "plant_fim"', r"fmu.a: .*no model 'plant_fim'; did you mean 'plant_fom'"),
+    ('file = "lag.fmu"', 'file = "lag.fmu"\nvehicle = "pickup_10r80"', r"fmu.a: there is no model 'lag'"),
+    ("time_constant =", "time_konstant =", r"line 11: fmu.a.parameters.time_konstant: .*'time_constant'"),
+    ('"50 ms"', '"-50 ms"', r"line 11: fmu.a.parameters.time_constant: .*at least 1e-06"),
+    ('"50 ms"', '"50 kg"', r"line 11: .*'kg' cannot be converted to 's'"),
+    ('"50 ms"', "{ measured = 'gear' }", r"line 11: .*with a \[measurement\]"),
+    ("step = 0.005", 'step = "fast"', r"fmu.b: step is 'fast': a number"),
+    ('kind = "ramp"', 'kind = "ram"', r"line 18: signals.ramp: kind is 'ram'; did you mean 'ramp'"),
+    ("after = 90", 'after = "90"', r"signals.ramp: after is '90': a number"),
+    ("after = 90", "", r"signals.ramp: .*also needs after"),
+    ('unit = "deg"', 'unit = "grd"', r"signals.ramp: unknown unit 'grd'"),
+    ('unit = "deg"', 'unit = "kg"', r"line 27: connections.a.u: .*'kg' cannot be converted"),
+    ('"a.u" = "ramp"', '"a.v" = "ramp"', r"line 27: connections.a.v: 'a.v': a has no variable 'v'"),
+    ('"a.u" = "ramp"', '"a.u" = "rampe"', r"line 27: connections.a.u: .*did you mean 'ramp'"),
+    ('"a.u" = "ramp"', '"a.u" = [1]', r"line 27: connections.a.u: the source is \[1\]"),
+    ('"a.gear" = 3', '"a.gear" = 7', r"a.gear is 7 1: at most 6"),
+    ('"b.seen"]', '"b.sen"]', r"nothing to record is called 'b.sen'; did you mean 'b.seen'"),
+    ('title = "Lag', 'title = Lag', r"scenario.toml: Invalid value .*line 1"),
+    ("[connections]", '[compare]\n"a.y" = "gear"\n[connections]', r"compare: there is no measurement"),
+    ("[connections]", '[measurement]\nkey = 1\n[connections]', r"needs a measurement"),
+])
+def test_what_is_wrong_is_named_with_file_and_key(folder, old, new, words):
+    assert old in TEXT
+    path = write(folder, TEXT.replace(old, new, 1))
+    with pytest.raises(InputError, match=words) as caught:
+        scenario = Scenario.load(path)
+        scenario.compare(scenario.run())
+    assert "scenario.toml" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("name", "value", "words"), [
+    ("a.tim_constant", "1", "--set a.tim_constant=1: .*did you mean 'time_constant'"),
+    ("c.x", "1", "--set c.x=1: .*no participant 'c'"),
+    ("a.time_constant", "1 kg", "--set a.time_constant=1 kg: .*cannot be converted"),
+    ("a.y", "1", "--set a.y=1: .*causality output"),
+])
+def test_a_wrong_override_is_named(folder, name, value, words):
+    with pytest.raises(InputError, match=words):
+        Scenario.load(write(folder), {name: value}).master()
+
+
+def test_an_unknown_scenario_names_those_that_ship():
+    with pytest.raises(InputError, match="there is no scenario 'tip_in_6th'; did you mean 'tip_in_5th'"):
+        Scenario.load("tip_in_6th")
+
+
+@pytest.mark.parametrize("name", [name for name in names() if name != "road_log"])
+def test_every_shipped_scenario_runs_on_the_twins(name):
+    """Half a second of each: every name, unit and range in them is right."""
+    scenario = Scenario.load(name, twins=True)
+    result = scenario.master().run(stop=0.5)
+    assert result.complete
+    assert np.ptp(result[next(n for n in result.names if n.endswith(".vehicle_speed"))]) > 0.0
