@@ -1,6 +1,6 @@
 """A scenario file: who takes part, what is connected to what, and what the driver does.
 
-``docs/scenarios.md`` describes the format; the files in ``cosim/scenarios`` show it.
+``cosim/scenarios/README.md`` describes the format; the files beside it show it.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """A measurement: a folder with ``measurement.toml`` and data files, or one data file.
 
 Every channel keeps its own clock: rows in which it is absent are left out, nothing is resampled.
-``docs/measurements.md`` describes the file for those who write one.
+``README.md`` beside this file describes the format for those who write one.
 """
 
 from __future__ import annotations
@@ -264,11 +264,11 @@ def _channel(name: str, entry: Mapping[str, Any], time_entry: Mapping[str, Any],
 
 def _times(entry: Mapping[str, Any], time_entry: Mapping[str, Any], column: Column, table: DataTable,
            where: str) -> np.ndarray:
-    """The clock of a column [s]."""
+    """The clock of a column [s]: the one named for it, the file's own for it, or the common one."""
+    if "time" not in entry and column.times is not None:
+        return column.times
     named = entry.get("time", time_entry.get("column"))
     if named is None:
-        if column.times is not None:
-            return column.times
         if "time" not in table.names:
             raise InputError(f"{where}: no clock: add [channels.time] with column = \"...\" and unit = \"s\""
                              f"; {table.path.name} has {', '.join(table.names)}")

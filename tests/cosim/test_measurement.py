@@ -171,6 +171,22 @@ def test_mat_files(tmp_path, version):
     assert channel.time == pytest.approx([0.0, 0.1, 0.2, 0.3])
 
 
+def test_mdf_files_have_a_clock_for_each_group(tmp_path):
+    asammdf = pytest.importorskip("asammdf")
+    slow, fast = np.arange(3) * 0.2, np.arange(5) * 0.1
+    with asammdf.MDF(version="4.10") as file:
+        file.append([asammdf.Signal(samples=60.0 * fast, timestamps=fast, name="nEng", unit="rpm")])
+        file.append([asammdf.Signal(samples=slow**2, timestamps=slow, name="position", unit="mm")])
+        file.save(tmp_path / "a.mf4")
+    assert load(tmp_path / "a.mf4").manoeuvres[0]["position"].values == pytest.approx(slow**2 / 1000)
+    (tmp_path / "measurement.toml").write_text(
+        '[[manoeuvre]]\nfile = "a.mf4"\n[channels.engine_speed]\ncolumn = "nEng"\n[channels.position]\n')
+    manoeuvre = load(tmp_path).manoeuvres[0]
+    assert manoeuvre["engine_speed"].time == pytest.approx(fast)
+    assert manoeuvre["engine_speed"].values == pytest.approx(2 * np.pi * fast)
+    assert manoeuvre["position"].time == pytest.approx(slow)
+
+
 def test_a_result_equal_to_the_measurement_has_no_error_on_any_clock(tmp_path):
     """A straight line is its own interpolation, whatever the instants."""
     random = np.random.default_rng(0)
