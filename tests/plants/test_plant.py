@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from runs import PLANTS, REDUCED, events, input_rows, ledger, plant, run, start_values, steps, turnover
 
 from driveline.kernels import network as k
 from driveline.models import MODELS
 from driveline.quantities import InputError
-from runs import PLANTS, REDUCED, events, input_rows, ledger, plant, run, start_values, steps, turnover
 
 EVERY_PLANT = pytest.mark.parametrize("name", PLANTS)
 

@@ -1,0 +1,264 @@
+"""The full-order plant: kinematics, inertia as felt, momentum, gear changes, standstill, converter."""
+
+import numpy as np
+import pytest
+from runs import events, ledger, plant, run, start_values, steps, turnover
+
+from driveline.elements.road_load import GRAVITY
+from driveline.kernels import network as k
+from driveline.plants.full_order import FullOrderPlant
+
+GEARS = range(1, 11)
+FREE = {  # no load from outside but the engine's torque, which is what is asked for
+    "engine.friction_constant": 0.0, "engine.friction_viscous": 0.0, "engine.accessory_torque": 0.0,
+    "engine.idle_gain": 0.0, "engine.air_lag": 0.0, "engine.air_delay": 0.0, "final_drive.loss_constant": 0.0,
+    "final_drive.loss_fraction": 0.0, "tyre.rolling_resistance": 0.0, "vehicle.drag_coefficient": 0.0,
+    **{f"transmission.loss_{kind}[{i}]": 0.0
+       for kind in ("constant", "viscous", "fraction") for i in range(1, 13)},
+}
+
+
+def felt_inertias(model, gear):
+    """Inertia of every node, and its speed over the vehicle's when everything rolls, from the parameters."""
+    p = model.parameters
+    box, prop, r = p.transmission, p.propeller_shaft, p.tyre.radius
+    wheel, output = 1.0 / r, p.final_drive.ratio / r
+    turbine = output * box.ratio[gear + 1]
+    front_wheels = 2.0 * (p.hub.inertia + p.tyre.belt_inertia) / r**2
+    dmf = p.dual_mass_flywheel.secondary_inertia if p.dual_mass_flywheel.enabled else 0.0
+    transfer = p.transfer_case.inertia if p.transfer_case.enabled else 0.0
+    turning = (p.engine.inertia + dmf + p.converter.impeller_inertia + p.lockup_clutch.plate_inertia
+               + p.converter.turbine_inertia + box.input_inertia + box.inertia[gear + 1])
+    return {
+        "turbine": (turning, turbine),
+        "output": (box.output_inertia + transfer + prop.inertia + p.final_drive.pinion_inertia, output),
+        "wheels": (p.final_drive.ring_inertia
+                   + 2.0 * (p.axle_shaft.inertia + p.hub.inertia + p.tyre.belt_inertia), wheel),
+        "vehicle": (p.vehicle.mass + front_wheels, 1.0),
+    }
+
+
+@pytest.mark.parametrize("vehicle, gears", [("pickup_10r80", (-1, *GEARS)), ("suv_6l80", (-1, *range(1, 7)))])
+def test_rolling_steadily_all_speeds_are_in_the_ratios(vehicle, gears):
+    """Without torque in the tyres there is no slip: nothing but ratios between engine and road."""
+    for gear in gears:
+        model = plant("plant_fom", {**FREE, "start.vehicle_speed": 10.0 * np.sign(gear)}, vehicle=vehicle,
+                      variant=None, gear=gear)
+        record = run(model, 0.2)
+        p = model.parameters
+        wheel = record["vehicle_speed"] / p.tyre.radius
+        output = wheel * p.final_drive.ratio
+        assert record["wheel_speed"] == pytest.approx(wheel, rel=1e-9)
+        assert record["transmission_output_speed"] == pytest.approx(output, rel=1e-9)
+        assert record["turbine_speed"] == pytest.approx(output * p.transmission.ratio[gear + 1], rel=1e-9)
+        assert record["engine_speed"] == pytest.approx(record["turbine_speed"], rel=1e-9)
+        assert record["engine_speed"][0] > 0.0
+
+
+@pytest.mark.parametrize("options", [{}, {"dual_mass_flywheel.enabled": 1.0}, {"transfer_case.enabled": 1.0,
+                                     "transfer_case.drag_viscous": 0.0}, {"suspension.enabled": 1.0}])
+@pytest.mark.parametrize("gear", [-1, *GEARS])
+def test_a_torque_accelerates_the_whole_reflected_inertia(gear, options):
+    """a = (T i i_f / r - m g sin(grade)) / sum of inertia times (speed over vehicle speed) squared."""
+    torque, grade = 60.0, 0.03
+    model = plant("plant_fom", {**FREE, **options, "start.vehicle_speed": 8.0 * np.sign(gear)}, gear=gear,
+                  engine_torque=torque, road_grade=grade)
+    parts = felt_inertias(model, gear)
+    felt = sum(inertia * ratio**2 for inertia, ratio in parts.values())
+    force = torque * parts["turbine"][1] - model["vehicle.mass"] * GRAVITY * np.sin(grade)
+    assert model["vehicle_acceleration"] == pytest.approx(force / felt, rel=1e-9)
+
+
+@pytest.mark.parametrize("gear", [-1, 1, 5, 10])
+def test_momentum_is_the_impulse_of_the_engine_whatever_swings_in_between(gear):
+    """Sum of inertia * speed * (speed over vehicle speed): only torque from outside changes it.
+
+    Through both lashes and in large swings; the tyres slip, the seat moves. After the pulse it stays.
+    """
+    model = plant("plant_fom", {**FREE, "start.vehicle_speed": 8.0 * np.sign(gear)}, gear=gear)
+    p, net = model.parameters, model.network
+    shape, _ = model.start_speeds(p, net)
+    shape = shape / (8.0 * np.sign(gear))
+    inertia = net.constants[net.plan[k.INERTIA]:][:len(net.nodes)].copy()
+    inertia[net.nodes["planetary_sets"]] = p.transmission.inertia[gear + 1]
+
+    def momentum():
+        return float(np.sum(inertia * shape * model.state[:len(net.nodes)]))
+
+    assert np.sum(inertia * shape**2) == pytest.approx(
+        sum(j * ratio**2 for j, ratio in felt_inertias(model, gear).values()), rel=1e-12)
+    at_vehicle = shape[net.nodes["crankshaft"]]
+    expected, scale = momentum(), p.vehicle.mass * 8.0
+    contacts = set()
+    for i in range(60):
+        torque = 130.0 if 5 <= i < 15 else 0.0
+        record = run(model, 0.02, start=0.02 * i, engine_torque=torque)
+        expected += torque * 0.02 * at_vehicle
+        contacts |= set(record["final_drive_contact"])
+        assert momentum() == pytest.approx(expected, abs=1e-11 * scale)
+    assert contacts == {-1.0, 0.0, 1.0}
+
+
+# -- gear changes -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("old, new", [
+    (5, 6), (6, 5), (5, 3), (1, 2), (4, 8), (8, 4), (5, 0), (0, 5), (10, 9)])
+def test_a_gear_change_under_drive_ends_in_the_new_ratio_and_keeps_the_energy(old, new):
+    model = plant("plant_fom", {"start.vehicle_speed": 9.0}, gear=old, engine_torque=80.0)
+    record = run(model, 3.0, gear=steps((0.0, old), (0.5, new)))
+    assert np.isfinite(np.column_stack(list(record.values()))).all()
+    assert np.ptp(ledger(record)) < 1e-6 * turnover(record)
+    if new != 0:
+        ratio = model.parameters.transmission.ratio[new + 1]
+        late = record["time"] > 2.5
+        assert record["turbine_speed"][late] == pytest.approx(
+            ratio * record["transmission_output_speed"][late], rel=0.02)
+
+
+@pytest.mark.parametrize("old, new", [(5, 6), (6, 5), (5, 3), (3, 5), (1, 4), (8, 3)])
+def test_a_gear_change_is_no_blow(old, new):
+    """No speed jumps: the turbine is let go with the torque it carried, and meets a capacity that grows."""
+    dt = 1e-4
+    model = plant("plant_fom", {"start.vehicle_speed": 9.0}, gear=old, engine_torque=80.0)
+    p = model.parameters
+    turbine = p.converter.turbine_inertia + p.transmission.input_inertia
+    engine = p.engine.inertia + p.converter.impeller_inertia
+    carried = abs(run(model, 0.1, dt)["transmission_input_torque"][-1])
+    record = run(model, 1.5, dt, start=0.1, gear=new)
+    since = record["time"] - 0.1
+    first = since < 5e-3
+    grown = p.transmission.shift_capacity * since / p.transmission.shift_lag
+    change = np.abs(np.diff(record["turbine_speed"]))
+    assert (change < (2.0 * carried + grown[1:]) / turbine * dt)[first[1:]].all()
+    strongest = p.lockup_clutch.capacity * p.lockup_clutch.static_ratio + 200.0
+    assert np.abs(np.diff(record["engine_speed"])).max() < strongest / engine * dt
+
+
+@pytest.mark.parametrize("gear", [0, 1])
+def test_in_neutral_nothing_passes_the_gearbox(gear):
+    model = plant("plant_fom", gear=gear, lockup_command=0.0, engine_torque=100.0)
+    record = run(model, 2.0)
+    if gear == 0:
+        assert np.abs(record["vehicle_speed"]).max() < 1e-9
+        assert record["engine_speed"][-1] > 200.0
+    else:
+        assert record["vehicle_speed"][-1] > 1.0
+
+
+def test_shifting_to_neutral_lets_the_vehicle_coast_without_the_engine():
+    """Behind the shift element only what it carries along slows the vehicle: air, rolling and axle drag."""
+    changes = {"final_drive.loss_constant": 0.0, "final_drive.loss_fraction": 0.0}
+    model = plant("plant_fom", {**changes, "start.vehicle_speed": 15.0}, gear=5, engine_torque=100.0)
+    record = run(model, 3.0, gear=steps((0.0, 5), (0.5, 0)))
+    p = model.parameters
+    late = record["time"] > 2.0
+    v = record["vehicle_speed"][late].mean()
+    parts = felt_inertias(model, 0)
+    sets = p.transmission.inertia[1] * (p.final_drive.ratio / p.tyre.radius) ** 2
+    felt = sum(j * r**2 for name, (j, r) in parts.items() if name != "turbine") + sets
+    air = 0.5 * p.vehicle.air_density * p.vehicle.drag_coefficient * p.vehicle.frontal_area * v**2
+    rolling = p.tyre.rolling_resistance * p.vehicle.mass * GRAVITY
+    assert record["vehicle_acceleration"][late].mean() == pytest.approx(-(air + rolling) / felt, rel=0.02)
+
+
+# -- converter and lock-up clutch -------------------------------------------------------------------------
+
+
+def test_the_locked_clutch_does_not_slip_at_all_and_does_not_chatter():
+    model = plant("plant_fom", {"start.vehicle_speed": 15.0}, engine_torque=-20.0)
+    record = run(model, 20.0, engine_torque=steps((0.0, -20.0), (1.0, 200.0), (2.0, -30.0), (3.0, 150.0)))
+    assert (record["lockup_clutch_sticks"] == 0.0).all()
+    nodes = model.network.nodes
+    assert abs(model.state[nodes["crankshaft"]] - model.state[nodes["damper_plate"]]) < 1e-10
+    assert events(model) < 60  # lash contacts of three torque reversals
+
+
+def test_the_lock_up_clutch_opens_slips_and_closes_again():
+    model = plant("plant_fom", {"start.vehicle_speed": 15.0}, engine_torque=120.0)
+    record = run(model, 6.0, lockup_command=steps((0.0, 1.0), (1.0, 0.0), (3.0, 0.1), (5.0, 1.0)))
+    t, sticks = record["time"], record["lockup_clutch_sticks"]
+    capacity = model["lockup_clutch.capacity"]
+    assert (sticks[t < 1.0] == 0.0).all()
+    assert (sticks[(t > 1.5) & (t < 4.9)] == 1.0).all()
+    open_ = (t > 2.0) & (t < 3.0)
+    drag = model["lockup_clutch.drag"]
+    assert record["lockup_clutch_torque"][open_] == pytest.approx(
+        drag * record["converter_slip"][open_], rel=0.05, abs=0.05)
+    slipping = (t > 3.8) & (t < 5.0)
+    assert record["lockup_clutch_torque"][slipping] == pytest.approx(0.1 * capacity, rel=0.02)
+    assert (sticks[t > 5.8] == 0.0).all()
+    assert np.ptp(ledger(record)) < 1e-7 * turnover(record)
+    assert events(model) < 30
+
+
+# -- standstill -------------------------------------------------------------------------------------------
+
+
+def test_creeping_from_standstill_with_the_converter_open():
+    model = plant("plant_fom", gear=1, lockup_command=0.0, engine_torque=0.0)
+    record = run(model, 6.0)
+    assert record["vehicle_speed"][-1] > 0.5
+    assert (np.diff(record["travelled_distance"]) > -1e-9).all()
+    assert np.ptp(ledger(record)) < 1e-6 * turnover(record)
+
+
+@pytest.mark.parametrize("gear", [-1, 0, 1])
+def test_a_brake_holds_the_vehicle_in_gear(gear):
+    model = plant("plant_fom", gear=gear, lockup_command=0.0, brake_torque=5000.0, road_grade=0.1)
+    run(model, 10.0)
+    record = run(model, 5.0, start=10.0)
+    assert np.abs(record["wheel_speed"]).max() < 1e-9
+    assert abs(np.diff(record["travelled_distance"][[0, -1]])[0]) < 1e-4
+
+
+def test_a_standing_vehicle_without_any_torque_stays_exactly_where_it_is():
+    model = plant("plant_fom", {**FREE, "tyre.rolling_resistance": 0.01}, gear=0, lockup_command=0.0)
+    record = run(model, 5.0)
+    for name in ("vehicle_speed", "wheel_speed", "transmission_output_speed", "propeller_shaft_torque"):
+        assert (record[name] == 0.0).all(), name
+    assert events(model) < 5
+
+
+def test_braking_to_standstill_stops_and_stays():
+    model = plant("plant_fom", {"start.vehicle_speed": 8.0}, gear=2, engine_torque=-20.0)
+    record = run(model, 15.0, brake_torque=steps((0.0, 0.0), (1.0, 6000.0)),
+                 lockup_command=steps((0.0, 1.0), (1.5, 0.0)))
+    late = record["time"] > 10.0
+    assert np.abs(record["wheel_speed"][late]).max() < 1e-9
+    assert np.abs(record["vehicle_speed"][late]).max() < 0.02
+    assert np.ptp(record["travelled_distance"][late]) < 1e-3
+    assert record["engine_speed"][-1] > 0.5 * model["engine.idle_speed"]
+    assert events(model) < 200
+
+
+def test_reversing_torque_crosses_both_lashes_each_time_and_returns():
+    """At a beat far below shuffle, lash angle and torque have one sign, and each period is like the last."""
+    model = plant("plant_fom", {**FREE, "start.vehicle_speed": 12.0, "engine.friction_constant": 60.0})
+    record = run(model, 8.0, engine_torque=lambda t: np.where(t % 2.0 < 1.0, 50.0, -50.0))
+    contact = record["final_drive_contact"]
+    for half in range(2, 8):
+        settled = (record["time"] > half + 0.9) & (record["time"] < half + 1.0)
+        assert (contact[settled] == (1.0 if half % 2 == 0 else -1.0)).all()
+        assert (record["transmission_contact"][settled] == contact[settled]).all()
+    span = np.ptp(record["lash_position"])
+    ratio = model.parameters.transmission.ratio[6]
+    assert span == pytest.approx(
+        2.0 * (model["final_drive.half_gap"] + model["transmission.half_gap"] / ratio), rel=1e-9)
+
+
+# -- the description --------------------------------------------------------------------------------------
+
+
+def test_the_state_list_names_every_continuous_state_once():
+    model = plant("plant_fom", {"suspension.enabled": 1.0, "dual_mass_flywheel.enabled": 1.0})
+    names = [entry.name for entry in model.network.entries]
+    assert len(names) == len(set(names)) == model.network.plan[k.CONTINUOUS]
+    assert 40 <= len(names) <= 60  # the AMESim model of the thesis has 47, Simulink adds 3
+    assert all(entry.unit and entry.meaning for entry in model.network.entries)
+
+
+def test_start_values_of_another_gear_differ_in_the_gear_alone():
+    fourth, fifth = (start_values("plant_fom", "pickup_10r80", "modified", gear) for gear in (4, 5))
+    assert {name for name in fifth if fourth[name] != fifth[name]} == {"gear"}
+    assert FullOrderPlant(fourth)["gear"] == 4.0
