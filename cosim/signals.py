@@ -33,6 +33,14 @@ class Signal:
         """The values at the instants ``time`` [s], same shape."""
         raise NotImplementedError
 
+    def describe(self) -> dict[str, Any]:
+        """For the provenance of a result: kind and attributes, of long tables only how long they are."""
+        entries = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        for name, value in entries.items():
+            if isinstance(value, np.ndarray):
+                entries[name] = value.tolist() if value.size <= 20 else f"{value.size} values"
+        return {"kind": self.kind, **entries}
+
 
 @dataclass(frozen=True, kw_only=True)
 class Constant(Signal):

@@ -6,9 +6,13 @@ import graphlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 from cosim import units
+from cosim.master.clock import PER_SECOND, Clock
 from cosim.master.participants import Participant
 from cosim.messages import did_you_mean
+from cosim.signals import Constant, Signal
 from driveline.quantities import InputError, Variable
 
 
@@ -97,6 +101,34 @@ def convert(source: str, source_unit: str, target: str, target_unit: str) -> tup
     added = f" + {offset:g}" if offset else ""
     return factor, offset, [f"{source} [{source_unit}] -> {target} [{target_unit}]: converted, "
                             f"times {factor:.9g}{added}"]
+
+
+def check_values(signal: Signal, connection: Connection, goal: Variable, clock: Clock) -> None:
+    """Refuse a signal that leaves the range of the input it drives, before anything runs.
+
+    Raises:
+        InputError: The message names signal, instant, input and range.
+    """
+    for times, _ in clock.blocks(100_000):
+        seconds = (times[:1] if isinstance(signal, Constant) else times) / PER_SECOND
+        values = signal.values(seconds) * connection.factor + connection.offset
+        possible = np.isfinite(values)
+        if goal.minimum is not None:
+            possible &= values >= goal.minimum
+        if goal.maximum is not None:
+            possible &= values <= goal.maximum
+        if goal.kind != "real":
+            possible &= values == np.round(values)
+        if not possible.all():
+            first = int(np.argmin(possible))
+            try:
+                goal.check(float(values[first]))
+            except InputError as error:
+                owner = connection.target.partition(".")[0]
+                raise InputError(f"signal '{connection.source.lstrip('=')}' at t = {seconds[first]:g} s: "
+                                 f"{owner}.{error}") from error
+        if isinstance(signal, Constant):
+            return
 
 
 def algebraic_loop(participants: Iterable[Participant], connections: Iterable[Connection]) -> list[str]:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import fnmatch
 import logging
 import platform
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -16,10 +14,11 @@ import numpy as np
 from cosim import units
 from cosim.master import clock as clocks
 from cosim.master import connections as wires
+from cosim.master import layout as layouts
 from cosim.master.fmu import FmuParticipant
 from cosim.master.parameters import find_fmu, twin_of, vehicle_parameters
 from cosim.master.participants import ModelParticipant, Participant, SimulationError
-from cosim.master.stepping import Loop, Seat, _NotFinite
+from cosim.master.stepping import Loop, NotFinite
 from cosim.messages import did_you_mean
 from cosim.result import Result
 from cosim.signals import Constant, Signal
@@ -44,13 +43,6 @@ class Interrupted(KeyboardInterrupt):
         self.result = result
 
 
-@dataclass
-class _Member:
-    participant: Participant
-    step: int
-    parameters: dict[str, float | str]
-
-
 class Master:
     """Connects participants and steps them together.
 
@@ -72,7 +64,7 @@ class Master:
             raise InputError(f"order is '{order}'{did_you_mean(order, ORDERS)}")
         self._step = clocks.step_length(step, "step")
         self._gauss_seidel = order == "gauss-seidel"
-        self._members: dict[str, _Member] = {}
+        self._members: dict[str, layouts.Member] = {}
         self._signals: dict[str, Signal] = {}
         self._wires: dict[str, str] = {}  # target -> source: one source for each input
         self._record: list[str] = []
@@ -115,7 +107,7 @@ class Master:
                 raise InputError(f"{name}: the vehicle file gives {min(strange)}, which the FMU does not "
                                  "have: it was built from other sources, run `driveline build`")
         period = self._step if step is None else clocks.step_length(step, f"step of {name}")
-        self._members[name] = _Member(participant, period, values)
+        self._members[name] = layouts.Member(participant, period, values)
         for parameter, value in (parameters or {}).items():
             self.set(f"{name}.{parameter}", value)
         return self
@@ -160,7 +152,7 @@ class Master:
         if isinstance(source, int | float):
             source = Constant(value=float(source))
         if isinstance(source, Signal):
-            name = "=" + target  # cannot be mistaken for a name given by somebody
+            name = "=" + target  # a name of its own, which nobody else gives
             self._signals[name], source = source, name
         elif source not in self._signals:
             if "." not in source:
@@ -210,7 +202,7 @@ class Master:
         try:
             loop.initialize()
             finished = loop.run(progress)
-        except _NotFinite as error:
+        except NotFinite as error:
             failure = SimulationError(f"{names[error.column]} is not finite at t = {error.time:.9g} s")
             failure.result = result(complete=False)
             raise failure from error
@@ -240,64 +232,17 @@ class Master:
                 raise InputError(f"{name} cannot vary its step of {member.step / clocks.PER_SECOND:g} s, and "
                                  f"the run of {stop - start:g} s is not a multiple of it")
         connections = self._resolve()
-        self._check_signal_values(connections, clock)
-        recorded = self._recorded_names()
+        for connection in connections:
+            if connection.source in self._signals:
+                wires.check_values(self._signals[connection.source], connection,
+                                   wires.find_input(connection.target, self._participants), clock)
+        recorded = layouts.choose(self._record, self._members, self._signals)
         by_target = {connection.target: connection for connection in connections}
-        seats, bus, slots, varying = self._layout(by_target, recorded)
-        loop = Loop(seats, bus, varying, clock, np.array([slots[name] for name in recorded], dtype=np.intp),
-                    record_period, self._gauss_seidel)
-        return loop, recorded, [self._unit(name, by_target) for name in recorded]
-
-    def _layout(self, by_target: dict[str, wires.Connection], recorded: list[str],
-                ) -> tuple[list[Seat], np.ndarray, dict[str, int], list[Signal]]:
-        """Give every value that is exchanged or recorded its slot on the bus.
-
-        Its order: varying signals, then of each participant the outputs and the inputs that are exchanged
-        at every step (reals side by side, so that the FMU reads and writes them in place), then
-        everything that stays as it is.
-        """
-        participants = self._participants
-        varying = {name: s for name, s in self._signals.items() if not isinstance(s, Constant)}
-        sources = {connection.source for connection in by_target.values()}
-        constants = self._constants(by_target)
-        slots = {name: slot for slot, name in enumerate(varying)}
-        spans: dict[str, tuple[list[str], slice]] = {}
-        for name, participant in participants.items():
-            exchanged = {"output": [], "input": []}
-            for variable in participant.variables.values():
-                full = f"{name}.{variable.name}"
-                if full in by_target and full not in constants:
-                    exchanged["input"].append(variable)
-                elif full not in constants and (full in sources or full in recorded):
-                    exchanged["output"].append(variable)
-            for direction, variables in exchanged.items():
-                names = [v.name for v in sorted(variables, key=lambda v: v.kind != "real")]
-                spans[f"{name} {direction}"] = names, slice(len(slots), len(slots) + len(names))
-                slots.update({f"{name}.{entry}": len(slots) + i for i, entry in enumerate(names)})
-        slots.update({name: len(slots) + i for i, name in enumerate(constants)})
-        bus = np.zeros(len(slots))
-        for name, slot in slots.items():
-            if name in constants:
-                bus[slot] = constants[name]
-            elif name not in self._signals:  # what others see of an output until it is initialized
-                bus[slot] = wires.find(name, participants)[1].start
-
-        seats, earlier = [], set()
-        for name, member in self._members.items():
-            outputs, output_slots = spans[f"{name} output"]
-            inputs, input_slots = spans[f"{name} input"]
-            wired = [by_target[f"{name}.{entry}"] for entry in inputs]
-            fixed = {target.partition(".")[2]: constants[target] for target in by_target
-                     if target in constants and target.startswith(name + ".")}
-            seats.append(Seat(
-                member.participant, member.step, {**member.parameters, **fixed}, inputs, outputs,
-                input_slots, output_slots,
-                sources=np.array([slots[c.source] for c in wired], dtype=np.intp),
-                factor=np.array([c.factor for c in wired]), offset=np.array([c.offset for c in wired]),
-                early=np.array([c.source.partition(".")[0] in earlier for c in wired], dtype=bool),
-                feeds=any(source.startswith(name + ".") for source in sources)))
-            earlier.add(name)
-        return seats, bus, slots, list(varying.values())
+        layout = layouts.lay_out(self._members, self._signals, by_target, recorded)
+        loop = Loop(layout.seats, layout.bus, layout.varying, clock,
+                    np.array([layout.slots[name] for name in recorded], dtype=np.intp), record_period,
+                    self._gauss_seidel)
+        return loop, recorded, [self._unit(name, connections) for name in recorded]
 
     def _resolve(self) -> list[wires.Connection]:
         """All connections with their conversion; says aloud what somebody should know."""
@@ -325,83 +270,13 @@ class Master:
                       + " -> ".join(loop) + ": it is not iterated, one value in it is a step old")
         return resolved
 
-    def _check_signal_values(self, connections: list[wires.Connection], clock: clocks.Clock) -> None:
-        """Refuse signals that leave the range of the input they drive, before anything runs."""
-        for connection in connections:
-            if connection.source not in self._signals:
-                continue
-            variable = wires.find_input(connection.target, self._participants)
-            signal = self._signals[connection.source]
-            for times, _ in clock.blocks(100_000):
-                seconds = times[:1 if isinstance(signal, Constant) else None] / clocks.PER_SECOND
-                values = signal.values(seconds) * connection.factor + connection.offset
-                possible = np.isfinite(values)
-                if variable.minimum is not None:
-                    possible &= values >= variable.minimum
-                if variable.maximum is not None:
-                    possible &= values <= variable.maximum
-                if variable.kind != "real":
-                    possible &= values == np.round(values)
-                if not possible.all():
-                    first = int(np.argmin(possible))
-                    try:
-                        variable.check(float(values[first]))
-                    except InputError as error:
-                        raise InputError(
-                            f"signal '{connection.source.lstrip('=')}' at t = {seconds[first]:g} s: "
-                            f"{connection.target.partition('.')[0]}.{error}") from error
-                if isinstance(signal, Constant):
-                    break
-
-    def _constants(self, by_target: dict[str, wires.Connection]) -> dict[str, float]:
-        """What never changes during the run: constant signals, the inputs they drive, unconnected inputs
-        and parameters that are recorded."""
-        constants: dict[str, float] = {}
-        for name, signal in self._signals.items():
-            if isinstance(signal, Constant):
-                constants[name] = signal.value
-        for target, connection in by_target.items():
-            if connection.source in constants:
-                constants[target] = constants[connection.source] * connection.factor + connection.offset
-        for name, participant in self._participants.items():
-            for variable in participant.variables.values():
-                full = f"{name}.{variable.name}"
-                if variable.kind == "string" or full in by_target:
-                    continue
-                if variable.causality in ("input", "parameter"):
-                    value = self._members[name].parameters.get(variable.name, variable.start)
-                    constants[full] = float(value or 0.0)
-        return constants
-
-    def _recorded_names(self) -> list[str]:
-        """What is recorded, in the order asked for, each once."""
-        named = [name for name in self._signals if not name.startswith("=")]
-        variables = {f"{name}.{v.name}": v for name, p in self._participants.items()
-                     for v in p.variables.values() if v.kind != "string"}
-        everything = [*named, *variables]
-        matched = [*named, *(name for name, v in variables.items() if v.causality in ("input", "output"))]
-        if not self._record:
-            outputs = _outputs(self._participants)
-            return [name for name in everything if name in outputs or "." not in name]
-        chosen: dict[str, None] = {}
-        for pattern in self._record:
-            if pattern in everything:  # parameters and internal variables only by their full name
-                chosen[pattern] = None
-                continue
-            matches = fnmatch.filter(matched, pattern.replace("[", "[[]"))
-            if not matches:
-                raise InputError(f"nothing to record is called '{pattern}'"
-                                 f"{did_you_mean(pattern, everything)}")
-            chosen.update(dict.fromkeys(matches))
-        return list(chosen)
-
-    def _unit(self, name: str, by_target: dict[str, wires.Connection]) -> str:
+    def _unit(self, name: str, connections: list[wires.Connection]) -> str:
         if "." in name:
-            return wires.find(name, self._participants)[1].unit
+            return self.variable(name).unit
         if unit := self._signals[name].unit:
             return unit
-        targets = [c.target for c in by_target.values() if c.source == name]
-        return wires.find(targets[0], self._participants)[1].unit if targets else ""
+        targets = [connection.target for connection in connections if connection.source == name]
+        return self.variable(targets[0]).unit if targets else ""
 
     def _say(self, notice: str) -> None:
         self.notices.append(notice)
@@ -415,15 +290,10 @@ class Master:
         return {
             **self._title, "start": start, "stop": stop,
             "order": ORDERS[self._gauss_seidel], "participants": members,
-            "connections": {target: source.lstrip("=") if source in self._wires.values() else source
-                            for target, source in self._wires.items()},
+            "connections": dict(self._wires),
+            "signals": {name: signal.describe() for name, signal in self._signals.items()},
             "notices": list(self.notices), "versions": _versions(),
         }
-
-
-def _outputs(participants: Mapping[str, Participant]) -> set[str]:
-    return {f"{name}.{v.name}" for name, p in participants.items() for v in p.variables.values()
-            if v.causality == "output" and v.kind != "string"}
 
 
 def _versions() -> dict[str, str]:

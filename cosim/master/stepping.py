@@ -230,10 +230,10 @@ class Loop:
             row, column = (int(i) for i in np.argwhere(bad)[0])
             when = float(recording.times()[first + row])
             recording.count = first + row  # what is before it is good
-            raise _NotFinite(column, when)
+            raise NotFinite(column, when)
 
 
-class _NotFinite(SimulationError):
+class NotFinite(SimulationError):
     """A recorded value is NaN or infinite; the master knows the name of the column."""
 
     def __init__(self, column: int, time: float) -> None:

@@ -23,7 +23,7 @@ def test_the_example_is_read_without_repairs_on_irregular_clocks():
     for name, (_, _, period, jitter, _, _) in demo.LOGGED.items():
         distance = np.diff(manoeuvre[name].time)
         assert distance.mean() == pytest.approx(period, rel=1e-2)
-        assert (distance.std() > 0.5 * jitter) == (jitter > 0.0) or distance.std() < 1e-4
+        assert distance.std() >= 0.5 * jitter
 
 
 def test_the_generator_gives_the_same_example_again(tmp_path):
