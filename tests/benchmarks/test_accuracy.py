@@ -9,6 +9,7 @@ def test_the_implicit_reference_and_the_plant_agree_across_contacts():
     exact, changes = accuracy.reference(tolerance=1e-8, stop=0.25)
     assert changes >= 2  # a lash was crossed
     peak = np.abs(exact).max()
-    errors = [np.abs(accuracy.trajectory(substep)[:exact.size] - exact).max() / peak for substep in (4e-4, 2e-4)]
+    errors = [np.abs(accuracy.trajectory(substep)[:exact.size] - exact).max() / peak
+              for substep in (4e-4, 2e-4)]
     assert errors[1] < 1e-3
     assert errors[1] < errors[0] / 4.0
