@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cosim.report.study_figures import Curve, Panel, draw
+from cosim.report.study_figures import draw
 from cosim.result import Result
 from cosim.studies.findings import THESIS, Findings, percent
 from cosim.studies.manoeuvre import (
@@ -28,10 +28,12 @@ from cosim.studies.manoeuvre import (
     shuffle_after,
 )
 from cosim.studies.stand_in import MEASURED_FREQUENCY, StandIn, measure
+from cosim.studies.traces import Trace, against_measured
 from driveline import vehicles
 from driveline.vehicles import Vehicle
 
 SOURCE = f"{THESIS}, tables 2.1, 2.3, 2.4"
+TIP_IN = TipIn()
 VEHICLE = "pickup_10r80"
 RPM = 30.0 / np.pi
 NO_MEASUREMENT = "against the generated stand-in, not the thesis's measurement, which is not published"
@@ -73,7 +75,7 @@ def lag(ahead: Shuffle, behind: Shuffle) -> float:
     return float(angle / (np.pi * (ahead.frequency + behind.frequency)))
 
 
-def run(out: Path, progress: Callable[[float], None], tip_in: TipIn = TipIn()) -> Findings:  # noqa: B008
+def run(out: Path, progress: Callable[[float], None], tip_in: TipIn = TIP_IN) -> Findings:
     """Rows and pictures; a shorter tip-in makes the study smaller."""
     findings = Findings()
     variants = {name: vehicles.load(VEHICLE, name) for name in ("baseline", "modified")}
@@ -81,8 +83,8 @@ def run(out: Path, progress: Callable[[float], None], tip_in: TipIn = TipIn()) -
     measured = stand_in.result
     progress(0.4)
     findings.add("shuffle frequency, measured", "Hz", MEASURED_FREQUENCY, stand_in.frequency,
-                 f"stand-in: put at 5.84 Hz by a factor {stand_in.axle_factor:.4f} on the axle shafts' stiffness;"
-                 " this is fitted to its torque signal with the noise in it")
+                 f"stand-in: put at 5.84 Hz by {stand_in.axle_factor:.4f} times the axle stiffness; this is "
+                 "fitted to its torque signal with the noise in it")
     results: dict[str, Result] = {}
     for column, (name, vehicle) in enumerate(variants.items()):
         result, through_fmu = run_vehicle(vehicle, tip_in)
@@ -103,7 +105,7 @@ def run(out: Path, progress: Callable[[float], None], tip_in: TipIn = TipIn()) -
                  "between reported and delivered torque by construction, so this checks the method")
     fits[0] = shuffle(modified.time, modified["propeller_shaft_torque_measured"], begin, tip_in.stop)
     findings.add("lag of the measured behind the simulated, filtered torque", "ms", 0.0, 1e3 * lag(*fits),
-                 "thesis: almost no delay (figure 2.6)")
+                 "thesis: almost no delay; the stand-in is 2 ms late, and its shuffle a little slower")
     _factors(findings, variants["baseline"], variants["modified"])
     findings.figures += _figures(out, measured, results, tip_in)
     return findings
@@ -154,12 +156,11 @@ def _factors(findings: Findings, baseline: Vehicle, modified: Vehicle) -> None:
 def _figures(out: Path, measured: Result, results: dict[str, Result], tip_in: TipIn) -> list[str]:
     span = (tip_in.start - 0.3, min(tip_in.stop, tip_in.start + 2.5))
     figures = [draw(out / "figure_2_4.png", "Figure 2.4: the tip-in as measured (generated stand-in)",
-                    panels([("measured", "measured", measured)], span))]
+                    against_measured([Trace("measured", "measured", measured)], span))]
     for number, (name, result) in zip((5, 6), results.items()):
-        figures.append(draw(
-            out / f"figure_2_{number}.png",
-            f"Figure 2.{number}: measured (generated stand-in) and simulated with {name} parameters",
-            panels([("measured", "measured", measured), ("simulated", "first", _as_measured(result))], span)))
+        traces = [Trace("measured", "measured", measured), Trace("simulated", "first", _as_measured(result))]
+        title = f"Figure 2.{number}: measured (generated stand-in) and simulated with {name} parameters"
+        figures.append(draw(out / f"figure_2_{number}.png", title, against_measured(traces, span)))
     return figures
 
 
@@ -167,27 +168,3 @@ def _as_measured(result: Result) -> Result:
     """The simulated signals under the names of the measured ones; the torque as the meter gives it."""
     signals = dict(result.signals) | {"propeller_shaft_torque": result["propeller_shaft_torque_measured"]}
     return Result(result.time, signals, result.units)
-
-
-def panels(sources: list[tuple[str, str, Result]], span: tuple[float, float],
-           acceleration: str = "seat_acceleration") -> list[Panel]:
-    """The four panels of figures 2.4 to 2.6 for (label, colour, signals)."""
-    light = {"measured": 0.8, "first": 1.3, "second": 1.3}
-    speeds = [Curve(r.time, RPM * r["engine_speed"], f"engine, {label}", color, width=light[color])
-              for label, color, r in sources]
-    speeds += [
-        Curve(r.time, 3.6 * r["vehicle_speed"], f"vehicle, {label}", color, "--", light[color], right=True)
-        for label, color, r in sources]
-
-    def one(signal: str) -> list[Curve]:
-        return [Curve(r.time, r[signal], label, color, width=light[color]) for label, color, r in sources]
-
-    return [
-        Panel("(a) crankshaft torque", one("crankshaft_torque"), "torque [N.m]", x_range=span),
-        Panel("(b) engine and vehicle speed", speeds, "engine [rpm]", right_label="vehicle [km/h]",
-              x_range=span),
-        Panel("(c) propeller shaft torque", one("propeller_shaft_torque"), "torque [N.m]", x_range=span),
-        Panel(f"(d) {acceleration.replace('_', ' ')}", one(acceleration), "acceleration [m/s²]",
-              x_range=span),
-    ]
-

@@ -12,6 +12,7 @@ from cosim.master import Master, Ramp
 from cosim.master.parameters import find_fmu
 from cosim.result import Result
 from driveline.models import MODELS
+from driveline.plants.plant import Plant
 from driveline.quantities import InputError
 from driveline.vehicles import Vehicle
 
@@ -72,25 +73,32 @@ def parameters(model: str, vehicle: Vehicle, gear: int = 5,
     return values | dict(changes or {})
 
 
-def drive(model: str, values: Mapping[str, float], tip_in: TipIn) -> Result:
-    """The tip-in through a model in process; signals at every communication point from 0 on."""
+def prepare(model: str, values: Mapping[str, float], tip_in: TipIn) -> tuple[Plant, np.ndarray]:
+    """A plant in its steady state before the tip-in, and its inputs, a row a step."""
     plant = MODELS[model](values)
     plant["start.vehicle_speed"] = tip_in.vehicle_speed
-    steps = round(tip_in.stop / tip_in.step)
-    time = tip_in.step * np.arange(steps + 1)
-    torque = tip_in.torque.values(time)
+    torque = tip_in.torque.values(tip_in.step * np.arange(round(tip_in.stop / tip_in.step)))
     plant["engine_torque"] = torque[0]
     if model == FULL_ORDER:
         plant["gear"] = tip_in.gear
     plant.initialize()
-    outputs = plant.output_variables
-    first = [plant[variable.name] for variable in outputs]
-    inputs = np.tile([plant[variable.name] for variable in plant.inputs], (steps, 1))
-    inputs[:, [variable.name for variable in plant.inputs].index("engine_torque")] = torque[:-1]
+    names = [variable.name for variable in plant.inputs]
+    inputs = np.tile([plant[name] for name in names], (torque.size, 1))
+    inputs[:, names.index("engine_torque")] = torque
+    return plant, inputs
+
+
+def drive(model: str, values: Mapping[str, float], tip_in: TipIn) -> Result:
+    """The tip-in through a model in process; signals at every communication point from 0 on."""
+    plant, inputs = prepare(model, values, tip_in)
+    names = [variable.name for variable in plant.output_variables]
+    first = [plant[name] for name in names]
     table = np.vstack([first, plant.simulate(inputs, tip_in.step)])
-    signals = {variable.name: table[:, i] for i, variable in enumerate(outputs)}
-    units = {variable.name: variable.unit for variable in outputs}
-    return Result(time, signals | {"engine_torque": torque}, units | {"engine_torque": "N.m"})
+    time = tip_in.step * np.arange(len(table))
+    signals = {name: table[:, i] for i, name in enumerate(names)}
+    units = {variable.name: variable.unit for variable in plant.output_variables}
+    signals["engine_torque"], units["engine_torque"] = tip_in.torque.values(time), "N.m"
+    return Result(time, signals, units)
 
 
 def drive_fmu(model: str, values: Mapping[str, float], tip_in: TipIn) -> Result | None:
