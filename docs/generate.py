@@ -93,7 +93,8 @@ def parameters(variables: Iterable[Variable], vehicle: Vehicle) -> Iterator[tupl
 
 def variables(name: str, vehicle: Vehicle) -> Iterator[str]:
     """One plant's lists."""
-    plant = MODELS[name](MODELS[name].defaults_from(vehicle, GEAR))
+    defaults = MODELS[name].defaults_from(vehicle, GEAR)
+    plant = MODELS[name](defaults)
     plant.initialize()
     yield f"## {name}"
     yield ""
@@ -117,7 +118,7 @@ def variables(name: str, vehicle: Vehicle) -> Iterator[str]:
     found = [v for v in plant.variables if v.causality == "parameter"]
     rows = list(parameters(found, vehicle))
     headers = ("parameter", "unit", "value", "range", "meaning", "source")
-    if not any(row[-1] for row in rows):  # computed, not read
+    if not vehicle.values.items() <= defaults.items():  # computed, not read
         yield (f"Computed from the full-order vehicle by `driveline/plants/reduced.py`, for gear {GEAR}; "
                "`start` and `solver` have defaults of their own.")
         yield ""
