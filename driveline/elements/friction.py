@@ -12,6 +12,10 @@ from dataclasses import dataclass
 from ..kernels.backend import kernel
 from ..quantities import quantity
 
+# Reversed slip [rad/s or m/s] that may be rounding: at breakaway, or where the slip only touches
+# zero, its sign would otherwise switch the mode to and fro without end.
+ROUNDING_SLIP = 1e-11
+
 
 @dataclass(frozen=True)
 class LockupClutch:
@@ -45,4 +49,4 @@ def friction_guard(mode, slip, torque, capacity, static_capacity):
     """
     if mode == 0.0:
         return abs(torque) - static_capacity
-    return -mode * slip
+    return -mode * slip - ROUNDING_SLIP
