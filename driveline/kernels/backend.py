@@ -37,7 +37,7 @@ F8 = NDArray[np.float64]
 I8 = NDArray[np.int64]
 
 # Modules that hold entry points; a leading dot counts from the package this file is shipped in.
-KERNEL_MODULES: tuple[str, ...] = (".kernels.network",)
+KERNEL_MODULES: tuple[str, ...] = (".kernels.network", ".estimators.dskse", ".estimators.tkbse")
 
 ENTRY_POINTS: dict[str, Callable[..., int]] = {}
 

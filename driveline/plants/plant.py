@@ -53,7 +53,8 @@ class Plant(Model):
         self._outputs = self.values[n_in:n_in + n_out]
         self._kernel = native.load("network_run", backend)
         self._rates_kernel = native.load("network_rates", backend)
-        self.log.append(native.describe())
+        if self._kernel.backend == "python":
+            self.log.append(native.describe(backend))
         self.network: Network | None = None
 
     @property

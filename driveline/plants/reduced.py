@@ -85,8 +85,8 @@ class TwoMassParameters:
 
 
 @dataclass(frozen=True)
-class ThreeMassParameters:
-    """3DOF with lumped lash (eq. 2.11 to 2.22)."""
+class ThreeMassDriveline:
+    """The 3DOF driveline itself (eq. 2.11 to 2.22); plants and estimators stand on it."""
 
     engine_inertia: float = quantity("kg.m2", "engine to pinion, at the engine (J_1)", minimum=1e-4)
     final_drive_inertia: float = quantity("kg.m2", "final drive, axle shafts and wheels, at the wheels (J_2)", minimum=1e-4)
@@ -95,6 +95,12 @@ class ThreeMassParameters:
     wheel_shaft: WheelShaft
     gear: Gear
     vehicle: Vehicle
+
+
+@dataclass(frozen=True)
+class ThreeMassParameters(ThreeMassDriveline):
+    """3DOF plant with lumped lash."""
+
     start: ReducedStart = field(default_factory=ReducedStart)
     solver: Solver = field(default_factory=Solver)
 

@@ -1,0 +1,162 @@
+"""What every estimator has in common: frames at its sampling time, and bad frames survived."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ..kernels import native
+from ..model import Model
+from ..plants.reduced import ThreeMassDriveline, reduce
+from ..quantities import InputError, Variable, from_values, parameter_variables, quantity
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """When frames are taken in."""
+
+    period: float = quantity("s", "sampling time of the estimator", start=0.01, minimum=1e-4, maximum=0.1)
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Covariances of the thesis's estimators, appendix A (eq. A.1 to A.4)."""
+
+    q_1: float = quantity("rad2", "process noise of the shaft's twist", start=1e-2, minimum=0.0)
+    q_2: float = quantity("rad2/s2", "process noise of the engine speed", start=1e3, minimum=0.0)
+    q_3: float = quantity("rad2", "process noise of the wheel shaft's twist", start=5e-3, minimum=0.0)
+    q_4: float = quantity("rad2/s2", "process noise of the final drive speed", start=4e-3, minimum=0.0)
+    q_5: float = quantity("rad2/s2", "process noise of the wheel speed", start=1e-1, minimum=0.0)
+    q_6: float = quantity("rad2", "process noise of the lash angle", start=1e-3, minimum=0.0)
+    r_1: float = quantity("rad2/s2", "measurement noise of the engine speed", start=2e-5, minimum=1e-12)
+    r_2: float = quantity("rad2/s2", "measurement noise of the wheel speed", start=3e-5, minimum=1e-12)
+
+    @property
+    def process(self) -> np.ndarray:
+        """q_1 to q_6."""
+        return np.array([self.q_1, self.q_2, self.q_3, self.q_4, self.q_5, self.q_6])
+
+    @property
+    def measurement(self) -> np.ndarray:
+        """r_1 and r_2."""
+        return np.array([self.r_1, self.r_2])
+
+
+FRAME_INPUTS = (
+    Variable("engine_torque", "N.m", "torque at the crankshaft, brake (T_e,inst,brake)", "input", "continuous", nominal=100.0),
+    Variable("engine_speed", "rad/s", "engine speed as it arrives; NaN for a frame that is missing", "input", "continuous", nominal=100.0),
+    Variable("wheel_speed", "rad/s", "driven wheel speed as it arrives; NaN for a frame that is missing", "input", "continuous", nominal=30.0),
+)
+
+
+def estimate(name: str, unit: str, meaning: str, nominal: float | None = None) -> Variable:
+    """An output of an estimator."""
+    return Variable(name, unit, meaning, "output", "discrete", nominal=nominal)
+
+
+class Estimator(Model):
+    """A step function over frames behind the model boundary.
+
+    A frame is taken in at every multiple of ``sampling.period`` that a communication step reaches;
+    between them the outputs are held, so the communication step may be shorter, or a multiple.
+    Inputs may be anything: what is not a plausible number counts as a missing frame.
+
+    Subclasses give ``Parameters``, ``inputs``, ``output_variables``, ``entry_point`` (name of the
+    step's kernel), ``constants`` and ``state_size``.
+    """
+
+    default_step = 1e-2
+    Parameters: ClassVar[type]
+    inputs: ClassVar[tuple[Variable, ...]] = FRAME_INPUTS
+    output_variables: ClassVar[tuple[Variable, ...]] = ()
+    entry_point: ClassVar[str]
+    state_size: ClassVar[int]
+    work_size: ClassVar[int]
+
+    def __init__(self, defaults: Mapping[str, float], backend: str = "auto") -> None:
+        parameters = from_values(self.Parameters, defaults)
+        self.variables = (*self.inputs, *self.output_variables, *parameter_variables(parameters))
+        super().__init__()
+        for name in defaults:
+            if name in self.index:
+                self.values[self.index[name]] = defaults[name]
+        n_in, n_out = len(self.inputs), len(self.output_variables)
+        self._inputs = self.values[:n_in]
+        self._outputs = self.values[n_in:n_in + n_out]
+        self._kernel = native.load(self.entry_point, backend)
+        if self._kernel.backend == "python":
+            self.log.append(native.describe(backend))
+
+    @classmethod
+    def defaults_from(cls, vehicle: Any, gear: int = 5) -> dict[str, float]:
+        """The driveline lumped from a vehicle file, for one gear."""
+        from ..plants.full_order import FullOrderParameters
+
+        lumped = reduce(from_values(FullOrderParameters, vehicle.values), gear).three_mass
+        driveline = from_values(ThreeMassDriveline, {v.name: v.start for v in parameter_variables(lumped)})
+        return {v.name: v.start for v in parameter_variables(driveline)}
+
+    @property
+    def parameters(self) -> Any:
+        """The parameters as they stand, as an instance of ``Parameters``."""
+        names = [v.name for v in self.variables if v.causality == "parameter"]
+        return from_values(self.Parameters, {name: self.values[self.index[name]] for name in names})
+
+    def constants(self, parameters: Any) -> np.ndarray:
+        """The numbers the step's kernel needs, as its documentation lays them out."""
+        raise NotImplementedError
+
+    def _check(self, causality: str) -> None:
+        if causality != "input":  # a bad frame is no error here, it is a missing one
+            super()._check(causality)
+
+    def _prepare(self) -> None:
+        parameters = self.parameters
+        self._period = parameters.sampling.period
+        self._constants = self.constants(parameters)
+        # frames taken in so far, then the kernel's own state
+        self.state = np.zeros(1 + self.state_size)
+        self._work = np.zeros(self.work_size)
+        self._run = self._kernel.bind(self.state, self._constants, self._work, self._inputs, self._outputs)
+
+    def retune(self) -> None:
+        """Take over tunable parameters changed during a run; the state stays."""
+        if self.state.size:
+            self._check("parameter")
+            state = self.state.copy()
+            self._prepare()
+            self.state[:] = state
+
+    def _initialize(self, start_time: float) -> None:
+        self.state[0] = np.floor(start_time / self._period + 1e-6)
+        self._outputs[:] = 0.0
+        self._run(start_time)
+
+    def _step(self, time: float, dt: float) -> None:
+        reached = np.floor((time + dt) / self._period + 1e-6)
+        while self.state[0] < reached:
+            self.state[0] += 1.0
+            self._run(self.state[0] * self._period)
+
+    def simulate(self, inputs: np.ndarray, start_time: float = 0.0) -> np.ndarray:
+        """Many frames in one go, for studies: frames x inputs, one every sampling period.
+
+        Returns:
+            frames x outputs, after each frame.
+        """
+        found = np.empty((len(inputs), len(self._outputs)))
+        for row, frame in enumerate(inputs):
+            self._inputs[:] = frame
+            self.state[0] += 1.0
+            self._run(start_time + (row + 1) * self._period)
+            found[row] = self._outputs
+        return found
+
+
+def check_lash(value: float) -> None:
+    """Raise InputError unless a lash size [rad] can be worked with."""
+    if not 0.0 < value < 1.0:
+        raise InputError(f"shaft.half_gap is {value:g} rad: an estimator of lash needs one between 0 and 1 rad")
