@@ -141,7 +141,7 @@ def _rows(findings: Findings, gear: int, r: GearResult) -> None:
     findings.add(f"inertia up to the pinion at the engine, {name}", "kg.m2", None, r.engine_inertia)
     findings.add(f"inertia up to the pinion at the wheels, {name}", "kg.m2", None, r.wheel_inertia)
     findings.add(f"shuffle frequency, FOM, {name}", "Hz", 5.88 if fifth else None, r.full.frequency,
-                 f"small vibration about {LOAD:g} N.m; table 2.4's, fitted to the tip-in, is in fom-validation"
+                 f"small vibration about {LOAD:g} N.m; fitted to the tip-in it is in fom-validation"
                  if fifth else "")
     findings.add(f"shuffle frequency, 3DOF, {name}", "Hz", 5.85 if fifth else None, r.three.frequency,
                  f"{100.0 * (r.three.frequency / r.full.frequency - 1.0):+.2f} % from FOM")

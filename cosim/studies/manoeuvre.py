@@ -196,8 +196,10 @@ class Crossing:
 def lash_crossing(time: np.ndarray, position: np.ndarray) -> Crossing:
     """When a lash position leaves the flank it lies on at first, and first reaches the other.
 
-    Both between the samples. A flank is left without relative speed (its torque passes zero), so that the
-    position grows with the square of time; the other flank is met with speed, the position grows linearly.
+    Both between the samples. A flank is left without relative speed (its torque passes zero): the position
+    grows with the square of time at first, for about damping over stiffness of the shaft (some 1 ms), then
+    linearly. The other flank is met with speed. So the start is good to a few tenths of a sample, the end to
+    much less.
 
     Args:
         time: Instants [s].

@@ -220,7 +220,8 @@ def _figures(out: Path, vehicle: Vehicle, results: Mapping[str, Result], mistake
     signals["seat_acceleration"] = signals["vehicle_acceleration"]
     three = Result(results["3DOF"].time, signals, results["3DOF"].units)
     figures.insert(3, draw(
-        out / "figure_2_13.png", "Figure 2.13: 3DOF with lumped lash and measurement (generated stand-in)",
+        out / "figure_2_13.png",
+        "Figure 2.13: 3DOF and measurement (generated stand-in); in (d) 3DOF: of the vehicle",
         against_measured([Trace("measured", "measured", measured),
                           Trace("3DOF", "first", three, "engine_torque")], span)))
     title = "The 2DOF model with one axle shaft and one tyre, no slip (hypothesis for figure 2.9)"
