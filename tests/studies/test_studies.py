@@ -112,7 +112,7 @@ def test_the_unfiltered_torque_leads_by_the_filters_delay(ran):
     _, validation, _ = ran("fom-validation")
     _, meter, _ = ran("torque-meter-filter")
     lag = "lag of the measured behind the simulated, {} torque"
-    unfiltered, filtered = (row(validation, lag.format(which))["here"] for which in ("unfiltered", "filtered"))
+    unfiltered, filtered = (row(validation, lag.format(w))["here"] for w in ("unfiltered", "filtered"))
     delay = row(meter, "delay at 5.88 Hz (eq. 2.3)")["here"]
     assert unfiltered - filtered == pytest.approx(delay, abs=0.5)
 
