@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from .estimators import ESTIMATORS
 from .model import Model
 from .plants.full_order import FullOrderPlant
 from .plants.reduced import SplitLashPlant, ThreeMassPlant, TwoMassPlant
 
-MODELS: dict[str, type[Model]] = {
+PLANTS: dict[str, type[Model]] = {
     model.name: model for model in (FullOrderPlant, TwoMassPlant, ThreeMassPlant, SplitLashPlant)
 }
+MODELS: dict[str, type[Model]] = PLANTS | ESTIMATORS

@@ -21,6 +21,7 @@ from pathlib import Path
 
 import pythonfmu
 
+from driveline.estimators import ESTIMATORS
 from driveline.model import Model
 from driveline.quantities import InputError
 
@@ -36,6 +37,7 @@ FMUS = {
     "plant_rom_2dof": "plant_rom",
     "plant_rom_3dof": "plant_rom",
     "plant_rom_3dof_split": "plant_rom",
+    **{name: f"estimators/{name}" for name in ESTIMATORS},
 }
 VEHICLE, VARIANT, GEAR = "pickup_10r80", "modified", 5
 
@@ -221,5 +223,6 @@ def build(out: Path, names: Iterable[str] = tuple(FMUS), vehicle: str = VEHICLE,
         libraries = native_libraries(Path(folder))
         for name in names:
             model = MODELS[name](MODELS[name].defaults_from(values, gear))
-            slave = HERE / FMUS[name] / f"{FMUS[name]}_slave.py"
+            folder = HERE / FMUS[name]
+            slave = folder / f"{folder.name}_slave.py"
             yield write_fmu(Path(out) / f"{name}{suffix}.fmu", model, slave, libraries=libraries)

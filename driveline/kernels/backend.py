@@ -36,8 +36,9 @@ from numpy.typing import NDArray
 F8 = NDArray[np.float64]
 I8 = NDArray[np.int64]
 
-# Modules that hold entry points; a leading dot counts from the package this file is shipped in.
-KERNEL_MODULES: tuple[str, ...] = (".kernels.network", ".estimators.dskse", ".estimators.tkbse")
+# Modules that hold entry points, or packages that import those that do; a leading dot counts from the
+# package this file is shipped in.
+KERNEL_MODULES: tuple[str, ...] = (".kernels.network", ".estimators")
 
 ENTRY_POINTS: dict[str, Callable[..., int]] = {}
 
@@ -88,8 +89,8 @@ def signature(function: Callable) -> tuple[list, list]:
 def import_entry_points() -> dict[str, Callable[..., int]]:
     """Import every kernel module, and give the entry points they declare, by name."""
     package = __package__.rpartition(".")[0]
-    modules = {importlib.import_module(name, package).__name__ for name in KERNEL_MODULES}
-    return {name: f for name, f in sorted(ENTRY_POINTS.items()) if f.__module__ in modules}
+    inside = tuple(f"{importlib.import_module(name, package).__name__}." for name in KERNEL_MODULES)
+    return {name: f for name, f in sorted(ENTRY_POINTS.items()) if f"{f.__module__}.".startswith(inside)}
 
 
 def reached_kernels(functions: list[Callable]) -> list[Callable]:

@@ -113,7 +113,7 @@ def test_an_unknown_fmu_is_named(tmp_path):
 
 def test_every_fmu_has_its_script_and_readme():
     for folder in FMUS.values():
-        assert (HERE / folder / f"{folder}_slave.py").is_file()
+        assert (HERE / folder / f"{Path(folder).name}_slave.py").is_file()
         assert (HERE / folder / "README.md").is_file()
 
 
