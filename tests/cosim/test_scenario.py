@@ -194,4 +194,5 @@ def test_every_shipped_scenario_runs_on_the_twins(name):
     scenario = Scenario.load(name, twins=True)
     result = scenario.master().run(stop=0.5)
     assert result.complete
-    assert np.ptp(result[next(n for n in result.names if n.endswith(".vehicle_speed"))]) > 0.0
+    assert all(np.isfinite(result[name]).all() for name in result.names)
+    assert any(np.ptp(result[name]) > 0.0 for name in result.names if name.endswith("_speed"))
