@@ -109,8 +109,8 @@ def test_a_standing_plant_counts_no_events(name):
 
 RATIO = st.sampled_from([1.0, 1.0, 0.7, -1.3, 3.1])
 LINK = st.one_of(
-    st.tuples(st.just("shaft"), st.sampled_from([50.0, 2e3, 2e4]), st.sampled_from([0.0, 0.5, 5.0]), RATIO),
-    st.tuples(st.just("lash"), st.sampled_from([500.0, 2e4]), st.sampled_from([0.0, 0.5, 5.0]), RATIO),
+    st.tuples(st.just("shaft"), st.sampled_from([50.0, 5e3]), st.sampled_from([0.0, 0.5, 2.0]), RATIO),
+    st.tuples(st.just("lash"), st.sampled_from([500.0, 5e3]), st.sampled_from([0.0, 0.5, 2.0]), RATIO),
     st.tuples(st.just("friction"), st.sampled_from([0.0, 5.0, 60.0]), st.sampled_from([0.0, 0.1]), RATIO),
 )
 
