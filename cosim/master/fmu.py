@@ -40,7 +40,6 @@ _KINDS = {"Real": "real", "Integer": "integer", "Enumeration": "integer", "Boole
           "String": "string"}
 _LEVELS = (logging.DEBUG, logging.WARNING, logging.WARNING, logging.ERROR, logging.CRITICAL, logging.INFO)
 _STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
-_FOLDER_CHARACTERS_THAT_BREAK = "%"  # PythonFMU decodes them as if they were part of a URL
 
 _extracted: dict[str, Path] = {}  # content -> folder, for the life of the process
 
@@ -58,6 +57,11 @@ def extracted(path: Path) -> tuple[Path, str]:
         fmpy.extract(str(path), folder.name)
         _extracted[digest] = Path(folder.name)
     return _extracted[digest], digest
+
+
+def _pythonfmu_finds(folder: Path) -> bool:
+    """Whether PythonFMU 0.7, which of the escapes in a URI knows that of the blank alone, gets its path."""
+    return "%" not in folder.absolute().as_uri().replace("%20", " ")
 
 
 class FmuParticipant:
@@ -144,6 +148,10 @@ class FmuParticipant:
              input_buffer: np.ndarray, output_buffer: np.ndarray) -> None:
         self._fatal = False
         self._said.clear()
+        if "PythonFMU" in (self.description.generationTool or "") and not _pythonfmu_finds(self._folder):
+            raise InputError(f"{self.name}: {self.path.name} lies in {self._folder}, where PythonFMU "
+                             "does not find it and ends the process: set TMPDIR to a folder whose path has "
+                             "only ASCII letters, digits, blanks and . _ - ~")
         try:
             _open[self.name] = self
             self._slave = FMU2Slave(
@@ -151,13 +159,9 @@ class FmuParticipant:
                 modelIdentifier=self.description.coSimulation.modelIdentifier)
             self._slave.instantiate(callbacks=_callbacks, loggingOn=True)
         except Exception as error:  # FMPy raises plain exceptions for whatever fails here
-            hint = ""
-            if any(character in str(self._folder) for character in _FOLDER_CHARACTERS_THAT_BREAK):
-                hint = f" (it was extracted to {self._folder}: set TMPDIR to a folder without '%')"
             self._slave = None
             raise SimulationError(
-                f"{self.name}: {self.path.name} cannot be instantiated{hint}: {self._words() or error}"
-            ) from error
+                f"{self.name}: {self.path.name} cannot be instantiated: {self._words() or error}") from error
         dll, component = self._slave.dll, self._slave.component
         self._do_step, self._component = dll.fmi2DoStep, component
         self._set = [_Transfer(self, dll, "Set", kind, inputs, input_buffer) for kind in _TYPES]

@@ -5,6 +5,7 @@ import math
 import os
 import shutil
 import signal
+import tempfile
 import threading
 import zipfile
 
@@ -367,3 +368,12 @@ def test_a_folder_with_a_blank_and_a_plus_is_no_obstacle(fmus, tmp_path):
     folder.mkdir()
     shutil.copy(fmus / "lag.fmu", folder)
     assert Master(step=0.1).add("a", folder / "lag.fmu").run(stop=0.1).complete
+
+
+@pytest.mark.parametrize("name", ["a + b", "100%", "mäh"])
+def test_a_temporary_folder_that_would_end_the_process_is_refused(fmus, tmp_path, monkeypatch, name):
+    (tmp_path / name).mkdir()
+    monkeypatch.setattr("cosim.master.fmu._extracted", {})
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / name))
+    with pytest.raises(InputError, match="set TMPDIR"):
+        Master(step=0.1).add("a", fmus / "lag.fmu").run(stop=0.1)
