@@ -69,22 +69,23 @@ def in_gear(vehicle: Vehicle, gear: int, tip_in: TipIn) -> tuple[GearResult, flo
     fifth = p.transmission.ratio[6]
     ratio = vehicle.gearbox.ratio(gear)
     tip_in = replace(tip_in, gear=gear, vehicle_speed=tip_in.vehicle_speed * fifth / ratio)
-    three = reduce(p, gear, tip_in.vehicle_speed, LOAD).three_mass
+    referred = ratio * p.final_drive.ratio
     full_values = parameters(FULL_ORDER, vehicle, gear)
-    three_values = {v.name: v.start for v in parameter_variables(three)}
     steady = replace(tip_in, before=LOAD, after=LOAD + 1.0)
     less = vehicle.values["engine.accessory_torque"]
-    modes = [shuffle_mode(prepare(model, values, about)[0]) for model, values, about in (
-        (FULL_ORDER, full_values, steady), (THREE_MASS, three_values, steady.less(less)))]
+    full, _ = prepare(FULL_ORDER, full_values, steady)
+    # the tyres' slip depends on what reaches them: in low gears the engine's own inertia takes a good part
+    three = reduce(p, gear, tip_in.vehicle_speed, full["axle_shaft_torque"] / referred).three_mass
+    three_values = {v.name: v.start for v in parameter_variables(three)}
+    small, _ = prepare(THREE_MASS, three_values, steady.less(less))
     run_full = drive(FULL_ORDER, full_values, tip_in)
     run_three = drive(THREE_MASS, three_values, tip_in.less(less))
     through_fmu = drive_fmu(FULL_ORDER, full_values, tip_in)
     difference = None if through_fmu is None else float(np.abs(
         through_fmu["propeller_shaft_torque"] - run_full["propeller_shaft_torque"]).max())
-    referred = ratio * p.final_drive.ratio
     result = GearResult(
         ratio=ratio, engine_inertia=three.engine_inertia, wheel_inertia=three.engine_inertia * referred**2,
-        full=modes[0], three=modes[1],
+        full=shuffle_mode(full), three=shuffle_mode(small),
         crossing_full=lash_crossing(run_full.time, run_full["lash_position"]).duration,
         crossing_three=lash_crossing(run_three.time, run_three["lash_position"]).duration,
         gap=2.0 * three.shaft.half_gap,

@@ -151,7 +151,9 @@ def test_singular_values_and_exact_arithmetic_give_the_same_ranks(ran):
 def test_fifth_gear_is_the_validation_tip_in(ran):
     _, gears, _ = ran("gears")
     _, reduction, _ = ran("model-reduction")
-    for gear_row, reduction_row in (
-            ("lash crossing time, FOM, gear 5", "lash crossing time, FOM, both lashes lumped"),
-            ("lash crossing time, 3DOF, gear 5", "lash crossing time, 3DOF")):
-        assert row(gears, gear_row)["here"] == pytest.approx(row(reduction, reduction_row)["here"], rel=1e-6)
+    for gear_row, reduction_row, tolerance in (
+            ("lash crossing time, FOM, gear 5", "lash crossing time, FOM, both lashes lumped", 1e-6),
+            # its lumps are made for another torque
+            ("lash crossing time, 3DOF, gear 5", "lash crossing time, 3DOF", 5e-3)):
+        assert row(gears, gear_row)["here"] == pytest.approx(
+            row(reduction, reduction_row)["here"], rel=tolerance)
