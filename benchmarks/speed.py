@@ -36,7 +36,7 @@ BEFORE, AFTER, CHANGE = -20.0, 200.0, 100  # requested torque [N.m], and the ste
 START = {"start.vehicle_speed": 12.5, "engine_torque": BEFORE}
 FULL, REDUCED = "plant_fom", "plant_rom_3dof"
 TORQUE, SHOWN, FEED = "engine_torque", "propeller_shaft_torque", "crankshaft_torque"
-THESIS = {FULL: 9.38, REDUCED: 3.85}  # run time over simulated time, thesis section 2.2.3
+THESIS = {FULL: 9.38, REDUCED: 3.85}  # run time over simulated time, thesis table 2.8
 MANOEUVRE = 7.0  # [s], one of those that fits and studies run by the thousand
 
 

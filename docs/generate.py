@@ -1,19 +1,29 @@
-"""Writes the pages that list what plants consist of: states, inputs, outputs, parameters with source.
+"""Writes what in the documentation follows from something else; none of it is edited by hand.
 
-    python -m docs.generate
+    python -m docs.generate          the lists of variables, and the tables of results
+    python -m docs.generate --run    the same after running every study anew, and the picture
 
-Everything is read from the declarations and from the vehicle file, so a page is never edited by hand;
-a test compares the pages with what this module writes.
+Lists of states, inputs, outputs and parameters come from the declarations and the vehicle file, tables of
+results from ``docs/results``, where ``--run`` leaves what the studies gave. A test compares.
 """
 
 from __future__ import annotations
 
+import argparse
+import json
 import re
+import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from cosim import studies
+from cosim.files import write_text
+from cosim.report.study_figures import Curve, Panel, draw
+from cosim.studies.manoeuvre import TipIn, drive
+from cosim.studies.manoeuvre import parameters as parameters_of
 from driveline import vehicles
 from driveline.kernels import network as k
 from driveline.models import MODELS
@@ -21,12 +31,29 @@ from driveline.plants.plant import Plant
 from driveline.quantities import Variable
 from driveline.vehicles import Vehicle
 
-FOLDER = Path(__file__).parent / "plants"
+FOLDER = Path(__file__).parent
+README = FOLDER.parent / "README.md"
+RESULTS = FOLDER / "results"
 VEHICLE, VARIANT, GEAR = "pickup_10r80", "modified", 5
-PAGES = {
-    "plant_fom_variables.md": ("plant_fom",),
-    "plant_rom_variables.md": ("plant_rom_2dof", "plant_rom_3dof", "plant_rom_3dof_split"),
+PLANT_PAGES = {
+    "plants/plant_fom_variables.md": ("plant_fom",),
+    "plants/plant_rom_variables.md": ("plant_rom_2dof", "plant_rom_3dof", "plant_rom_3dof_split"),
 }
+# The table in the README: study, row of it, where the paper prints it.
+MAIN_TABLE = (
+    ("fom-validation", "shuffle frequency, baseline", "table 2.1"),
+    ("fom-validation", "shuffle frequency, modified", "table 2.4"),
+    ("fom-validation", "lash crossing time, modified", "section 3.2"),
+    ("torque-meter-filter", "phase at 5.88 Hz", "figure 2.7"),
+    ("torque-meter-filter", "delay at 5.88 Hz (eq. 2.3)", "section 2.1.3.3"),
+    ("model-reduction", "shuffle frequency, 2DOF", "table 2.5"),
+    ("model-reduction", "shuffle frequency, 3DOF", "table 2.6"),
+    ("observability", "rank of the observability matrix, model I, contact (table 3.1)", "table 3.1"),
+    ("observability", "rank of the observability matrix, model I, backlash (table 3.1)", "table 3.1"),
+    ("observability", "rank of the observability matrix, model II, contact (table 3.2)", "table 3.2"),
+    ("observability", "rank of the observability matrix, model II, backlash (table 3.2)", "table 3.2"),
+)
+_TABLE = re.compile(r"(<!-- main table -->\n).*?(<!-- end -->\n)", re.DOTALL)
 _NUMBERED = re.compile(r"\[\d+\]$")
 
 
@@ -139,11 +166,109 @@ def page(names: Sequence[str]) -> str:
     return "\n".join(lines).rstrip() + "\n"
 
 
+# -- results -------------------------------------------------------------------------------------------
+
+
+def results() -> dict[str, dict[str, Any]]:
+    """What the studies gave when they were last run, by name, in their order."""
+    return {name: json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))
+            for name in studies.STUDIES if (RESULTS / f"{name}.json").is_file()}
+
+
+def figures(row: dict[str, Any]) -> tuple[str, str, str]:
+    """Paper, here and deviation as they are shown."""
+    paper, here = ("" if row[key] is None else f"{row[key]:.4g}" for key in ("paper", "here"))
+    deviation = row["deviation_percent"]
+    return paper, here, "" if deviation is None else f"{deviation:+.2f} %"
+
+
+def main_table() -> str:
+    """The table of the README."""
+    found = results()
+    rows = []
+    for study, quantity, place in MAIN_TABLE:
+        (row,) = (row for row in found[study]["rows"] if row["quantity"] == quantity)
+        name = re.sub(r" \(.*?\)$", "", quantity)
+        rows.append((f"{name}{'' if row['unit'] == '1' else ' [' + row['unit'] + ']'}", place, *figures(row),
+                     f"`{study}`"))
+    return "\n".join(table(("quantity", "printed in", "paper", "here", "deviation", "study"), rows))
+
+
+def result_page() -> str:
+    """All rows of all studies."""
+    lines = ["# What the studies give", "",
+             "Written by `python -m docs.generate --run`. Each study is run by `driveline study NAME`, which "
+             "also draws its figures.", ""]
+    for name, result in results().items():
+        lines += [f"## {name}", "", studies.summary(name), "", f"Source: {result['source']}.", ""]
+        lines += table(("quantity", "unit", "paper", "here", "deviation", "note"),
+                       ((row["quantity"], row["unit"], *figures(row), row["note"]) for row in result["rows"]))
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def with_main_table(readme: str) -> str:
+    """The README with the table of today."""
+    return _TABLE.sub(lambda match: f"{match[1]}{main_table()}{match[2]}", readme)
+
+
+def run_studies() -> None:
+    """Run every study and keep its rows."""
+    for name in studies.STUDIES:
+        with tempfile.TemporaryDirectory() as folder:
+            result = studies.run(name, Path(folder))
+        write_text(RESULTS / f"{name}.json", json.dumps(result, indent=1) + "\n")
+        print(RESULTS / f"{name}.json")
+
+
+def draw_tip_in(path: Path) -> None:
+    """The picture of the README: the validation tip-in, full-order plant beside the 3DOF one."""
+    vehicle, tip_in = vehicles.load(VEHICLE, VARIANT), TipIn()
+    full = drive("plant_fom", parameters_of("plant_fom", vehicle), tip_in)
+    reduced = drive("plant_rom_3dof", parameters_of("plant_rom_3dof", vehicle),
+                    tip_in.less(vehicle.values["engine.accessory_torque"]))
+    gap = np.degrees(full["lash_position"].max())
+
+    def panel(title: str, curves: Sequence[Curve], label: str, **more: Any) -> Panel:
+        return Panel(title, curves, label, x_range=(0.9, 2.4), **{"x_label": "", **more})
+
+    def both(signal: str, factor: float, *labels: str) -> list[Curve]:
+        return [Curve(full.time, factor * full[signal], labels[0], "measured", width=1.5),
+                Curve(reduced.time, factor * reduced[signal], labels[1], "first")]
+
+    torques = both("propeller_shaft_torque", 1.0, "full-order plant", "3DOF plant")
+    torques.append(Curve(full.time, full["propeller_shaft_torque_measured"],
+                         "full-order plant, through its torque meter", "second"))
+    draw(path, "Tip-in in 5th gear: the driveline crosses its lash, then shuffles", [
+        panel("propeller shaft torque", torques, "torque [N.m]"),
+        panel("engine speed", both("engine_speed", 30.0 / np.pi, "", ""), "speed [rpm]",
+              y_range=(1360.0, 1500.0)),
+        panel("position in the lash, at the propeller shaft", both("lash_position", 180.0 / np.pi, "", ""),
+              "angle [deg]", x_label="time [s]", y_range=(-1.35 * gap, 1.35 * gap),
+              levels={gap: "driving flank", -gap: "coasting flank"}),
+    ], columns=1)
+
+
+# -- all of it -----------------------------------------------------------------------------------------
+
+
+def pages() -> dict[Path, str]:
+    """Every file that is written here, with what belongs into it."""
+    written = {FOLDER / file: page(names) for file, names in PLANT_PAGES.items()}
+    written[FOLDER / "results.md"] = result_page()
+    written[README] = with_main_table(README.read_text(encoding="utf-8"))
+    return written
+
+
 def main() -> None:
-    """Write the pages."""
-    for file, names in PAGES.items():
-        (FOLDER / file).write_text(page(names), encoding="utf-8")
-        print(FOLDER / file)
+    """Write everything."""
+    parser = argparse.ArgumentParser(description="Write the generated parts of the documentation.")
+    parser.add_argument("--run", action="store_true", help="run every study first, and draw the picture")
+    if parser.parse_args().run:
+        run_studies()
+        draw_tip_in(FOLDER / "images" / "tip_in.png")
+    for path, text in pages().items():
+        write_text(path, text)
+        print(path)
 
 
 if __name__ == "__main__":

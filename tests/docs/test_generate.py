@@ -1,20 +1,42 @@
-"""The generated pages are what the declarations say now."""
+"""What is generated in the documentation is what the declarations and the results say now."""
 
 import pytest
 
 from docs import generate
 
 
-@pytest.mark.parametrize("file", generate.PAGES)
-def test_the_page_is_up_to_date(file):
-    page = (generate.FOLDER / file).read_text(encoding="utf-8")
-    assert page == generate.page(generate.PAGES[file]), "run python -m docs.generate"
+@pytest.fixture(scope="module")
+def pages():
+    return generate.pages()
 
 
-def test_every_variable_of_a_plant_is_on_its_page():
-    page = generate.page(("plant_fom",))
+def test_everything_is_up_to_date(pages):
+    old = [path.name for path, text in pages.items() if path.read_text(encoding="utf-8") != text]
+    assert not old, "run python -m docs.generate"
+
+
+def test_every_variable_of_a_plant_is_on_its_page(pages):
+    page = pages[generate.FOLDER / "plants/plant_fom_variables.md"]
     model = generate.MODELS["plant_fom"](
         generate.MODELS["plant_fom"].defaults_from(generate.vehicles.load(generate.VEHICLE)))
     for variable in model.variables:
         assert variable.name.partition("[")[0] in page
         assert variable.meaning in page
+
+
+def test_every_study_has_its_results_on_the_page(pages):
+    page = pages[generate.FOLDER / "results.md"]
+    for name in generate.studies.STUDIES:
+        assert f"## {name}\n" in page
+
+
+def test_the_table_of_the_readme_is_what_the_studies_gave(pages):
+    assert generate.main_table() in pages[generate.README]
+    study, quantity, _ = generate.MAIN_TABLE[0]
+    (row,) = (row for row in generate.results()[study]["rows"] if row["quantity"] == quantity)
+    assert f"{row['here']:.4g}" in generate.main_table()
+
+
+def test_the_picture_can_be_drawn(tmp_path):
+    generate.draw_tip_in(tmp_path / "tip_in.png")
+    assert (tmp_path / "tip_in.png").read_bytes().startswith(b"\x89PNG")
