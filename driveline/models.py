@@ -7,6 +7,9 @@ from .model import Model
 from .plants.full_order import FullOrderPlant
 from .plants.reduced import SplitLashPlant, ThreeMassPlant, TwoMassPlant
 
+# What shipped FMUs and twins start from: vehicle file, variant, gear.
+SHIPPED_VEHICLE, SHIPPED_VARIANT, SHIPPED_GEAR = "pickup_10r80", "modified", 5
+
 PLANTS: dict[str, type[Model]] = {
     model.name: model for model in (FullOrderPlant, TwoMassPlant, ThreeMassPlant, SplitLashPlant)
 }

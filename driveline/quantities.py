@@ -49,12 +49,13 @@ class Variable:
 
     def check(self, value: float) -> None:
         """Raise InputError unless ``value`` is finite and inside the range of this variable."""
+        unit = "" if self.unit == "1" else f" {self.unit}"
         if not value - value == 0.0:  # true for NaN and both infinities
             raise InputError(f"{self.name} is {value}: a finite number in {self.unit} is needed")
         if self.minimum is not None and value < self.minimum:
-            raise InputError(f"{self.name} is {value:g} {self.unit}: at least {self.minimum:g} is needed")
+            raise InputError(f"{self.name} is {value:g}{unit}: at least {self.minimum:g} is needed")
         if self.maximum is not None and value > self.maximum:
-            raise InputError(f"{self.name} is {value:g} {self.unit}: at most {self.maximum:g} is possible")
+            raise InputError(f"{self.name} is {value:g}{unit}: at most {self.maximum:g} is possible")
         if self.kind != "real" and value != int(value):
             raise InputError(f"{self.name} is {value:g}: a whole number is needed")
 

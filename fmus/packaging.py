@@ -23,6 +23,7 @@ import pythonfmu
 
 from driveline.estimators import ESTIMATORS
 from driveline.model import Model
+from driveline.models import SHIPPED_GEAR, SHIPPED_VARIANT, SHIPPED_VEHICLE
 from driveline.quantities import InputError
 
 from .model_description import as_bytes, generation_time, model_description
@@ -39,7 +40,6 @@ FMUS = {
     "plant_rom_3dof_split": "plant_rom",
     **{name: f"estimators/{name}" for name in ESTIMATORS},
 }
-VEHICLE, VARIANT, GEAR = "pickup_10r80", "modified", 5
 
 # the part of pythonfmu that a slave needs; its own __init__ would import the whole builder
 _PYTHONFMU_FILES = ("_version", "default_experiment", "enums", "fmi2slave", "logmsg", "variables")
@@ -196,8 +196,8 @@ def native_libraries(folder: Path) -> Sequence[Path]:
     return native.build(native.TARGETS, folder)
 
 
-def build(out: Path, names: Iterable[str] = tuple(FMUS), vehicle: str = VEHICLE,
-          variant: str | None = VARIANT, gear: int = GEAR, suffix: str = "") -> Iterator[Path]:
+def build(out: Path, names: Iterable[str] = tuple(FMUS), vehicle: str = SHIPPED_VEHICLE,
+          variant: str | None = SHIPPED_VARIANT, gear: int = SHIPPED_GEAR, suffix: str = "") -> Iterator[Path]:
     """Build FMUs of the table ``FMUS`` into a folder; gives the path of each as it is written.
 
     Args:

@@ -8,8 +8,6 @@ from cosim.messages import did_you_mean
 from driveline.model import Model
 from driveline.quantities import InputError
 
-_VEHICLE, _VARIANT = "pickup_10r80", "modified"  # the start values of a shipped FMU
-
 
 def model_class(name: str) -> type[Model]:
     """The model called ``name``.
@@ -37,7 +35,9 @@ def vehicle_parameters(model: str, vehicle: str | Path, variant: str | None, gea
 
 def twin_of(name: str) -> Model:
     """The model called ``name``, with the start values its FMU is built with."""
-    return model_class(name)(vehicle_parameters(name, _VEHICLE, _VARIANT, gear=5))
+    from driveline.models import SHIPPED_GEAR, SHIPPED_VARIANT, SHIPPED_VEHICLE
+
+    return model_class(name)(vehicle_parameters(name, SHIPPED_VEHICLE, SHIPPED_VARIANT, SHIPPED_GEAR))
 
 
 def find_fmu(name: str | Path, beside: Path | None = None) -> Path:

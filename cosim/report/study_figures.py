@@ -114,4 +114,5 @@ def _panel(axis: Axes, panel: Panel) -> None:
     named = [line for line in lines if not line.get_label().startswith("_")]
     if len(named) > 1:
         # under the panel: curves fill it, and nothing may cover them
-        axis.legend(handles=named, loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2 if len(named) == 4 else min(len(named), 3))
+        columns = 2 if len(named) == 4 else min(len(named), 3)
+        axis.legend(handles=named, loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=columns)

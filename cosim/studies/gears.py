@@ -74,8 +74,7 @@ def in_gear(vehicle: Vehicle, gear: int, tip_in: TipIn) -> tuple[GearResult, flo
     steady = replace(tip_in, before=LOAD, after=LOAD + 1.0)
     less = vehicle.values["engine.accessory_torque"]
     full, _ = prepare(FULL_ORDER, full_values, steady)
-    # the tyres' slip depends on what reaches them: in low gears the engine's own inertia takes a good part
-    three = reduce(p, gear, tip_in.vehicle_speed, full["axle_shaft_torque"] / referred).three_mass
+    three = reduce(p, gear, tip_in.vehicle_speed, LOAD).three_mass
     three_values = {v.name: v.start for v in parameter_variables(three)}
     small, _ = prepare(THREE_MASS, three_values, steady.less(less))
     run_full = drive(FULL_ORDER, full_values, tip_in)

@@ -31,7 +31,8 @@ class Transmission(Shaft):
     inertia: tuple[float, ...] = quantity("kg.m2", "planetary sets referred to the input, by gear", minimum=1e-6)
     loss_constant: tuple[float, ...] = quantity("N.m", "drag torque at the input, by gear", minimum=0.0)
     loss_viscous: tuple[float, ...] = quantity("N.m.s/rad", "drag over input speed, by gear", minimum=0.0)
-    loss_fraction: tuple[float, ...] = quantity("1", "loss over carried input torque, by gear", minimum=0.0, maximum=0.9)
+    loss_fraction: tuple[float, ...] = quantity(
+        "1", "loss over carried input torque, by gear", minimum=0.0, maximum=0.9)
     input_inertia: float = quantity("kg.m2", "input shaft and clutch drum", minimum=0.0)
     output_inertia: float = quantity("kg.m2", "output shaft and parking gear", minimum=0.0)
     half_gap: float = quantity("rad", "half the total lash, at the input", minimum=0.0, maximum=1.0)
@@ -72,7 +73,8 @@ class FinalDrive:
 class Suspension(Bushing):
     """Fore-aft compliance of the driven axle in the body."""
 
-    enabled: bool = quantity("1", "whether the axle moves fore and aft in the body", kind="boolean", minimum=0, maximum=1)
+    enabled: bool = quantity(
+        "1", "whether the axle moves fore and aft in the body", kind="boolean", minimum=0, maximum=1)
     unsprung_mass: float = quantity("kg", "mass of the driven axle that moves with the wheels", minimum=1.0)
 
 

@@ -163,10 +163,12 @@ class FullOrderPlant(Plant):
         output_variable("energy_stored", "J", "kinetic and elastic energy in the plant", 1e5),
         output_variable("energy_supplied", "J", "work done on the plant since the start", 1e5),
         output_variable("energy_dissipated", "J", "heat made since the start", 1e5),
-        output_variable("propeller_shaft_torque_measured", "N.m", "propeller shaft torque as the torque meter gives it", 200.0),
+        output_variable(
+            "propeller_shaft_torque_measured", "N.m", "propeller shaft torque as the torque meter gives it", 200.0),
         output_variable("engine_speed_measured", "rad/s", "engine speed as it arrives by CAN", 100.0),
         output_variable("turbine_speed_measured", "rad/s", "turbine speed as it arrives by CAN", 100.0),
-        output_variable("transmission_output_speed_measured", "rad/s", "transmission output speed as it arrives by CAN", 100.0),
+        output_variable(
+            "transmission_output_speed_measured", "rad/s", "transmission output speed as it arrives by CAN", 100.0),
         output_variable("wheel_speed_measured", "rad/s", "mean driven wheel speed as it arrives by CAN", 30.0),
         output_variable("vehicle_speed_measured", "m/s", "vehicle speed as it arrives by CAN", 10.0),
     )
@@ -235,8 +237,10 @@ class FullOrderPlant(Plant):
         mounts = net.node("powertrain_roll", p.engine_mount.inertia, rad_s, "roll of engine and transmission")
 
         # what lags behind its command
-        net.lag("lockup_clutch_pressure", net.signal("lockup_command"), p.lockup_clutch.lag, "lock-up clutch capacity over its full one")
-        net.lag("shift_clutch_engagement", k.IN_GEAR, p.transmission.shift_lag, "shift element capacity over its full one")
+        net.lag("lockup_clutch_pressure", net.signal("lockup_command"), p.lockup_clutch.lag,
+                "lock-up clutch capacity over its full one")
+        net.lag("shift_clutch_engagement", k.IN_GEAR, p.transmission.shift_lag,
+                "shift element capacity over its full one")
         net.lag("brake_torque_level", net.signal("brake_torque"), p.brake.lag, "brake torque at the wheels [N.m]")
 
         # branches, engine to road
@@ -267,7 +271,8 @@ class FullOrderPlant(Plant):
         net.loss("final_drive_loss", pinion, hypoid, p.final_drive.loss_constant, 0.0, p.final_drive.loss_fraction)
         axle_shafts = []
         for side, hub, belt in zip(driven, hubs, belts, strict=True):
-            axle_shafts.append(net.shaft(f"{side}_axle_shaft", differential, hub, p.axle_shaft.stiffness, p.axle_shaft.damping))
+            axle_shafts.append(net.shaft(
+                f"{side}_axle_shaft", differential, hub, p.axle_shaft.stiffness, p.axle_shaft.damping))
             net.friction(f"{side}_brake", hub, GROUND, 0.5, lag="brake_torque_level")
             net.shaft(f"{side}_tyre", hub, belt, tyre.stiffness, tyre.damping)
             net.contact(f"{side}_contact", belt, axle, tyre.slip_stiffness, tyre.relaxation_length,

@@ -106,7 +106,10 @@ class Plant(Model):
         self._call(time, dt, 1)
 
     def _call(self, time: float, dt: float, steps: int) -> None:
-        status = self._run(time, dt, steps)
+        try:
+            status = self._run(time, dt, steps)
+        except (ArithmeticError, ValueError):  # what compiled code gives as infinity, plain Python raises
+            status = k.NOT_FINITE
         if status != k.OK:
             raise ArithmeticError(f"{self.name} at {time:g} s: {STATUS[status]}")
 

@@ -89,7 +89,8 @@ class ThreeMassDriveline:
     """The 3DOF driveline itself (eq. 2.11 to 2.22); plants and estimators stand on it."""
 
     engine_inertia: float = quantity("kg.m2", "engine to pinion, at the engine (J_1)", minimum=1e-4)
-    final_drive_inertia: float = quantity("kg.m2", "final drive, axle shafts and wheels, at the wheels (J_2)", minimum=1e-4)
+    final_drive_inertia: float = quantity(
+        "kg.m2", "final drive, axle shafts and wheels, at the wheels (J_2)", minimum=1e-4)
     wheel_inertia: float = quantity("kg.m2", "tyres, at the wheels (J_3)", minimum=1e-4)
     shaft: LashShaft
     wheel_shaft: WheelShaft
@@ -111,7 +112,8 @@ class SplitLashParameters:
 
     engine_inertia: float = quantity("kg.m2", "engine to planetary sets, at the engine (J_1)", minimum=1e-4)
     output_inertia: float = quantity("kg.m2", "transmission output to pinion, between the lashes", minimum=1e-5)
-    final_drive_inertia: float = quantity("kg.m2", "final drive, axle shafts and wheels, at the wheels (J_2)", minimum=1e-4)
+    final_drive_inertia: float = quantity(
+        "kg.m2", "final drive, axle shafts and wheels, at the wheels (J_2)", minimum=1e-4)
     wheel_inertia: float = quantity("kg.m2", "tyres, at the wheels (J_3)", minimum=1e-4)
     transmission_shaft: LashShaft
     shaft: LashShaft
@@ -160,22 +162,24 @@ def lumps(p: FullOrderParameters, gear: int, s: complex, speed: float, torque: f
     """
     i = p.transmission.ratio[gear + 1]
     tyre, axle, prop, final = p.tyre, p.axle_shaft, p.propeller_shaft, p.final_drive
-    used = abs(torque * i) * final.ratio / (2.0 * tyre.radius) / tyre_force_limit(p)
+    engine = (p.engine.inertia + p.converter.impeller_inertia + p.lockup_clutch.plate_inertia
+              + p.converter.turbine_inertia + p.transmission.input_inertia + p.transmission.inertia[gear + 1]
+              + (p.dual_mass_flywheel.secondary_inertia if p.dual_mass_flywheel.enabled else 0.0))
+    output = (p.transmission.output_inertia + prop.inertia + final.pinion_inertia
+              + (p.transfer_case.inertia if p.transfer_case.enabled else 0.0))
+    ring = final.ring_inertia + axle.inertia
+    hubs, belts = 2.0 * p.hub.inertia + axle.inertia, 2.0 * tyre.belt_inertia
+    # The tyres carry what the inertias before them leave of the torque while all accelerate alike.
+    turning = (engine * i**2 + output) * final.ratio**2 + ring + hubs + belts
+    vehicle = p.vehicle.mass * tyre.radius**2
+    axle_torque = abs(torque * i) * final.ratio * vehicle / (vehicle + turning)
+    used = axle_torque / (2.0 * tyre.radius) / tyre_force_limit(p)
     if used > 0.9:
         raise InputError(f"torque is {torque:g} N.m: in gear {gear} that is more than the tyres can transmit")
     patch = (1.0 - used) * tyre.slip_stiffness / tyre.relaxation_length * s / (
         s + abs(speed) / (tyre.relaxation_length * (1.0 - used)))
     return Lumps(
-        s=s,
-        ratio=i,
-        engine=(p.engine.inertia + p.converter.impeller_inertia + p.lockup_clutch.plate_inertia
-                + p.converter.turbine_inertia + p.transmission.input_inertia + p.transmission.inertia[gear + 1]
-                + (p.dual_mass_flywheel.secondary_inertia if p.dual_mass_flywheel.enabled else 0.0)),
-        output=(p.transmission.output_inertia + prop.inertia + final.pinion_inertia
-                + (p.transfer_case.inertia if p.transfer_case.enabled else 0.0)),
-        ring=final.ring_inertia + axle.inertia,
-        hubs=2.0 * p.hub.inertia + axle.inertia,
-        belts=2.0 * tyre.belt_inertia,
+        s=s, ratio=i, engine=engine, output=output, ring=ring, hubs=hubs, belts=belts,
         transmission=series(p.damper.stiffness + s * p.damper.damping,
                             p.transmission.stiffness + s * p.transmission.damping) * i**2,
         propeller=series(prop.stiffness + s * prop.damping, final.mesh_stiffness + s * final.mesh_damping),
@@ -208,9 +212,9 @@ def reduce(p: FullOrderParameters, gear: int = 5, speed: float = 12.0, torque: f
     """Lump the full-order driveline.
 
     Inertias are referred by the squares of the ratios. Shafts in series are lumped by their complex
-    stiffness k + c s at the shuffle vibration s, at ``speed`` [m/s] and engine ``torque`` [N.m]: so the tyres' slip, a damper
-    in series, is in the lumps with what it does to shuffle. The vibration is the two-mass model's
-    own, s = sqrt(-K(s) / J), found by iteration.
+    stiffness k + c s at the shuffle vibration s, at ``speed`` [m/s] and engine ``torque`` [N.m]: so
+    the tyres' slip, a damper in series, is in the lumps with what it does to shuffle. The vibration
+    is the two-mass model's own, s = sqrt(-K(s) / J), found by iteration.
 
     The 3DOF model keeps the two places where the compliance sits, shafts and tyres, apart: k_s is
     transmission, propeller shaft, hypoid mesh and axle shafts at the propeller shaft, J_2 what

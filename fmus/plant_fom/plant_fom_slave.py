@@ -1,7 +1,6 @@
 """The full-order driveline plant as an FMI 2.0 co-simulation slave."""
 
 from driveline.models import MODELS
-
 from fmus.shell import ModelSlave
 
 

@@ -4,7 +4,6 @@ Which one an FMU holds (2DOF, 3DOF with lumped lash, 3DOF with split lash) stand
 """
 
 from driveline.models import MODELS
-
 from fmus.shell import ModelSlave
 
 

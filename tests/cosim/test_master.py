@@ -311,7 +311,7 @@ def pair():
     (lambda: pair().connect("a.y", "a.gear"), "real, but 'a.gear' is integer"),
     (lambda: pair().connect("a.y", "b.u").connect("a.y", "b.u"), "one source for each input"),
     (lambda: pair().connect(Constant(value=1, unit="kg"), "b.u").run(stop=1), "'kg' cannot be converted"),
-    (lambda: pair().connect(7, "a.gear").run(stop=1), "a.gear is 7 1: at most 6"),
+    (lambda: pair().connect(7, "a.gear").run(stop=1), "a.gear is 7: at most 6"),
     (lambda: pair().connect(1.5, "a.gear").run(stop=1), "whole number"),
     (lambda: pair().connect(Step(before=1, after=9, time=0.5), "a.gear").run(stop=1),
      "at t = 0.5 s: a.gear is 9"),

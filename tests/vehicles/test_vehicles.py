@@ -136,7 +136,7 @@ def test_what_is_wrong_is_named_with_file_line_table_and_entry(write, old, new, 
     ("[1, 2, 3]", "[1, 2, 3, 4]", r"line 9: transmission.loss_constant\[4\] is not known: .* has 3 entries"),
     ('"kHz"', '"rpm"', r"line 17: torque_meter.stopband_frequency is given in 'rpm': 'Hz'"),
     ('"dB"', '"1"', r"line 16: torque_meter.passband_ripple is given in '1': 'dB'"),
-    ("value = true", "value = 2", r"line 13: suspension.enabled is 2 1: at most 1"),
+    ("value = true", "value = 2", r"line 13: suspension.enabled is 2: at most 1"),
 ])
 def test_check_compares_with_what_the_plant_declares(write, old, new, message):
     vehicle = load(write(GOOD.replace(old, new, 1).split("[variant")[0]))

@@ -1,7 +1,6 @@
 """The toy model as a slave."""
 
 from driveline.models import MODELS
-
 from fmus.shell import ModelSlave
 
 
