@@ -44,7 +44,7 @@ def plant(model: str, parameters: Mapping[str, float] | None = None, *, gear: in
 
 
 def input_rows(model: Plant, duration: float, dt: float, start: float = 0.0, **inputs) -> np.ndarray:
-    """Inputs for ``simulate``: as they are, but where given as a number or a function of time."""
+    """Inputs for ``simulate``: as they are, but where given as numbers or a function of time."""
     time = start + np.arange(round(duration / dt)) * dt
     rows = np.tile(model.values[:len(model.inputs)], (time.size, 1))
     names = [variable.name for variable in model.inputs]

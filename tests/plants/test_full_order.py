@@ -99,6 +99,19 @@ def test_momentum_is_the_impulse_of_the_engine_whatever_swings_in_between(gear):
     assert contacts == {-1.0, 0.0, 1.0}
 
 
+@pytest.mark.parametrize("speed, asked, engine", [
+    (0.0, 0.0, "idle"), (0.0, 150.0, 150.0), (3.0, 0.0, "idle"), (25.0, 0.0, "turbine"), (25.0, 90.0, 90.0)])
+def test_with_an_open_lock_up_clutch_the_engine_starts_as_asked_or_at_idle_or_with_the_turbine(
+        speed, asked, engine):
+    start = {"start.vehicle_speed": speed, "start.engine_speed": asked}
+    model = plant("plant_fom", start, gear=4, lockup_command=0.0)
+    p = model.parameters
+    turbine = speed / p.tyre.radius * p.final_drive.ratio * p.transmission.ratio[5]
+    assert model["turbine_speed"] == pytest.approx(turbine)
+    expected = {"idle": p.engine.idle_speed, "turbine": turbine}.get(engine, engine)
+    assert model["engine_speed"] == pytest.approx(expected)
+
+
 # -- gear changes -----------------------------------------------------------------------------------------
 
 
