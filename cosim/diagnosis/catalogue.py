@@ -1,0 +1,57 @@
+"""The catalogue: every effect a diagnosis can name, one file each in ``effects``."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import pkgutil
+from collections.abc import Mapping
+from dataclasses import replace
+
+from cosim.diagnosis import effects
+from cosim.diagnosis.effect import Effect, Values
+from cosim.messages import did_you_mean
+from driveline.quantities import InputError
+
+
+def _collected() -> dict[str, Effect]:
+    found = {}
+    for module in sorted(pkgutil.iter_modules(effects.__path__), key=lambda module: module.name):
+        file = importlib.import_module(f"{effects.__name__}.{module.name}")
+        summary, _, physics = inspect.cleandoc(file.__doc__).partition("\n")
+        found[module.name] = replace(file.EFFECT, name=module.name, summary=summary.rstrip("."),
+                                     physics=" ".join(physics.split()))
+    return found
+
+
+CATALOGUE: dict[str, Effect] = _collected()
+
+
+def effect(name: str) -> Effect:
+    """An effect by name.
+
+    Raises:
+        InputError: There is none; the message names those that come close.
+    """
+    if name not in CATALOGUE:
+        raise InputError(f"there is no effect '{name}'{did_you_mean(name, CATALOGUE)}; "
+                         "`driveline list effects` gives all")
+    return CATALOGUE[name]
+
+
+def apply(effect: Effect, sizes: Values, values: Values) -> dict[str, float]:
+    """All values, with the effect in them.
+
+    Args:
+        effect: One of the catalogue.
+        sizes: By parameter name; those that are missing are neutral.
+        values: Plant parameters, input and sensor errors in one mapping; errors that are missing are none.
+    """
+    return {**values, **effect.changes(sizes, values)}
+
+
+def apply_all(sizes: Mapping[str, Values], values: Values) -> dict[str, float]:
+    """Several effects at once, ``{effect: {parameter: size}}``, one after the other in the order given."""
+    for name, one in sizes.items():
+        values = apply(effect(name), one, values)
+    return dict(values)

@@ -1,0 +1,164 @@
+"""What an effect is: physics the model may lack, with the one to three numbers that would put it in.
+
+All numbers of a simulation stand in one flat mapping by name: the plant's parameters
+(``axle_shaft.stiffness``), the errors of the inputs (``input.road_grade.offset``) and of the sensors
+(``observe.wheel_speed.delay``, see ``observation``). An effect changes some of them.
+
+A *size* says by how much. Where the vehicle file has a number that may be wrong, it is a factor on it, 1
+being as the file says (``scale`` is ``log``: what is searched and has the prior is its logarithm). Where
+there is nothing to multiply, it is added, in SI, 0 being as the file says (``linear``).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from driveline.quantities import InputError
+
+Values = Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class EffectParameter:
+    """One number of an effect.
+
+    Attributes:
+        name: As a finding bears it, ``axle_shaft_stiffness``.
+        targets: Names of the values it changes, all in the same way; ``[*]``: every entry of a table.
+        unit: SI unit of these values.
+        meaning: One line.
+        scale: ``log``: the size is a factor; ``linear``: it is added.
+        spread: Standard deviation of the prior, of ``coordinate``.
+        limits: Smallest and largest size that is plausible; outside it is not a cause.
+        detection: Rough smallest change of ``coordinate`` that shows in a few recordings.
+        probes: Sizes from which to start a search, for effects that do nothing while they are small.
+    """
+
+    name: str
+    targets: tuple[str, ...]
+    unit: str
+    meaning: str
+    scale: str
+    spread: float
+    limits: tuple[float, float]
+    detection: float
+    probes: tuple[float, ...] = ()
+
+    @property
+    def neutral(self) -> float:
+        """The size that changes nothing."""
+        return 1.0 if self.scale == "log" else 0.0
+
+    @property
+    def size_unit(self) -> str:
+        """The unit of the size itself."""
+        return "1" if self.scale == "log" else self.unit
+
+    def coordinate(self, size: float) -> float:
+        """The size as it is searched: 0 where it changes nothing."""
+        return math.log(size) if self.scale == "log" else size
+
+    def size(self, coordinate: float) -> float:
+        """The other way round."""
+        return math.exp(coordinate) if self.scale == "log" else coordinate
+
+    def applied(self, size: float, value: float) -> float:
+        """A value the parameter acts on, changed."""
+        return value * size if self.scale == "log" else value + size
+
+    def physical(self, size: float, values: Values) -> tuple[float, float, str]:
+        """Nominal value, value and unit, as an engineer reads them; a factor where there are several."""
+        if self.scale == "log" and len(self.targets) + self.targets[0].count("*") > 1:
+            return 1.0, size, "1"
+        nominal = values.get(self.targets[0], self.neutral)
+        return nominal, self.applied(size, nominal), self.unit
+
+    def check(self, size: float) -> None:
+        """Raise InputError unless the size is plausible."""
+        low, high = self.limits
+        if not low <= size <= high:
+            what = "a factor on what the vehicle file says" if self.scale == "log" else f"in {self.unit}"
+            raise InputError(f"{self.name} is {size:g}: from {low:g} to {high:g} is plausible, {what}")
+
+
+def factor(name: str, *targets: str, unit: str, meaning: str, spread: float, limits: tuple[float, float],
+           detection: float, probes: tuple[float, ...] = ()) -> EffectParameter:
+    """A number of the vehicle file that may be wrong by a factor."""
+    return EffectParameter(name, targets, unit, meaning, "log", spread, limits, detection, probes)
+
+
+def shift(name: str, *targets: str, unit: str, meaning: str, spread: float, limits: tuple[float, float],
+          detection: float, probes: tuple[float, ...] = ()) -> EffectParameter:
+    """A number that adds to what the vehicle file says."""
+    return EffectParameter(name, targets, unit, meaning, "linear", spread, limits, detection, probes)
+
+
+def scaled(parameters: tuple[EffectParameter, ...], sizes: Values, values: Values) -> dict[str, float]:
+    """What changes where every parameter multiplies, or adds to, its targets."""
+    changed: dict[str, float] = {}
+    for parameter in parameters:
+        size = sizes.get(parameter.name, parameter.neutral)
+        for target in parameter.targets:
+            names = [target]
+            if target.endswith("[*]"):
+                names = [name for name in values if name.startswith(target[:-2])]
+            for name in names:
+                changed[name] = parameter.applied(size, values.get(name, parameter.neutral))
+    return changed
+
+
+@dataclass(frozen=True)
+class Effect:
+    """An effect of the catalogue.
+
+    Attributes:
+        acts_on: ``sensor CHANNEL``, ``input SIGNAL``, or the torque balance it enters: ``engine``,
+            ``transmission``, ``propeller shaft``, ``axle``, ``wheel`` or ``vehicle``.
+        parameters: One to three.
+        nuisances: Values that come with it but say nothing, and differ from recording to recording (the
+            phase of a ripple); to be fitted beside it.
+        change: What the sizes make of the values, where it is more than factors and sums:
+            ``(sizes with none missing, values) -> changed values``.
+        name, summary, physics: From the file: its name, the first line of its docstring, the rest.
+    """
+
+    acts_on: str
+    parameters: tuple[EffectParameter, ...]
+    nuisances: tuple[str, ...] = ()
+    change: Callable[[Values, Values], dict[str, float]] | None = None
+    name: str = ""
+    summary: str = ""
+    physics: str = ""
+
+    @property
+    def kind(self) -> str:
+        """``sensor``, ``input`` or ``plant``."""
+        first = self.acts_on.split()[0]
+        return first if first in ("sensor", "input") else "plant"
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """The measured channels whose sensor it is; none for an effect of plant or input."""
+        names = (t.split(".")[1] for p in self.parameters for t in p.targets if t.startswith("observe."))
+        return tuple(dict.fromkeys(names))
+
+    def complete(self, sizes: Values) -> dict[str, float]:
+        """The sizes, with the neutral one for every parameter not given.
+
+        Raises:
+            InputError: A size for a parameter the effect does not have.
+        """
+        names = [parameter.name for parameter in self.parameters]
+        for name in sizes:
+            if name not in names:
+                raise InputError(f"{self.name} has no parameter {name}; it has {', '.join(names)}")
+        return {p.name: float(sizes.get(p.name, p.neutral)) for p in self.parameters}
+
+    def changes(self, sizes: Values, values: Values) -> dict[str, float]:
+        """The values the effect changes, and what they become."""
+        complete = self.complete(sizes)
+        if self.change is not None:
+            return self.change(complete, values)
+        return scaled(self.parameters, complete, values)

@@ -1,0 +1,31 @@
+"""The lash sits elsewhere along the driveline than the file says.
+
+The same sum, but part of the final drive's gap is in the transmission, or the other way round. The
+small inertia of the propeller shaft between the two gaps goes with the engine or with the wheels while
+the lash is crossed: two impacts instead of one, at other instants.
+"""
+
+from __future__ import annotations
+
+from cosim.diagnosis.effect import Effect, Values, shift
+
+FIFTH_GEAR = "transmission.ratio[7]"  # the sum is the same in this one, the gear of the validation
+
+
+def _moved(sizes: Values, values: Values) -> dict[str, float]:
+    moved = sizes["backlash_shift"]
+    ratio = values[FIFTH_GEAR]
+    moved = max(-values["transmission.half_gap"] / ratio, min(moved, values["final_drive.half_gap"]))
+    return {"final_drive.half_gap": values["final_drive.half_gap"] - moved,
+            "transmission.half_gap": values["transmission.half_gap"] + moved * ratio}
+
+
+EFFECT = Effect(
+    acts_on="propeller shaft",
+    parameters=(
+        shift("backlash_shift", "transmission.half_gap", "final_drive.half_gap", unit="rad",
+              meaning="half gap moved from the final drive to the transmission, at the propeller shaft",
+              spread=0.015, limits=(-0.1, 0.1), detection=0.008),
+    ),
+    change=_moved,
+)

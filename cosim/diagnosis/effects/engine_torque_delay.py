@@ -1,0 +1,18 @@
+"""The engine's torque follows its request later or earlier than the file says.
+
+Transport delay of the air path, or time stamps of the request that are late. Everything the torque does
+comes late together, from the engine to the vehicle.
+"""
+
+from __future__ import annotations
+
+from cosim.diagnosis.effect import Effect, shift
+
+EFFECT = Effect(
+    acts_on="input engine_torque",
+    parameters=(
+        shift("engine_torque_delay", "engine.air_delay", unit="s",
+              meaning="delay of the air path beyond the file's",
+              spread=0.02, limits=(-0.04, 0.3), detection=0.003),
+    ),
+)

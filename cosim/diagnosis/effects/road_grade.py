@@ -1,0 +1,18 @@
+"""The road climbs or falls by more than was recorded.
+
+A constant part of the weight along the road, in recordings where the grade was not measured or its
+sensor was not levelled. It accelerates the vehicle without any torque in the driveline.
+"""
+
+from __future__ import annotations
+
+from cosim.diagnosis.effect import Effect, shift
+
+EFFECT = Effect(
+    acts_on="input road_grade",
+    parameters=(
+        shift("road_grade_offset", "input.road_grade.offset", unit="rad",
+              meaning="slope beyond the recorded one, uphill positive",
+              spread=0.01, limits=(-0.1, 0.1), detection=0.002),
+    ),
+)

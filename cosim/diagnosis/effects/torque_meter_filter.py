@@ -1,0 +1,19 @@
+"""The torque meter has another low-pass filter in its path than the file says.
+
+The supplier's Chebyshev filter of thesis table 2.2, its bands scaled together: with the period of its
+stop band edge (1/30 s in the table) grow its delay and what it takes from the impacts. The shown torque
+is late and smooth while no other channel is; unlike a mere delay it spares the slow parts.
+"""
+
+from __future__ import annotations
+
+from cosim.diagnosis.effect import Effect, shift
+
+EFFECT = Effect(
+    acts_on="sensor propeller_shaft_torque",
+    parameters=(
+        shift("torque_meter_filter_period", "observe.propeller_shaft_torque.filter_period", unit="s",
+              meaning="period of the stop band edge of the filter beyond the file's, 0 without a filter",
+              spread=0.02, limits=(-0.2, 0.2), detection=0.002, probes=(0.03333,)),
+    ),
+)

@@ -1,0 +1,22 @@
+"""The axle shafts are softer at small twist than at large.
+
+Loose splines, rubber in series that bottoms: a first stage of stiffness up to a certain twist, the
+shafts' own beyond it. Shuffle about zero torque is slower than under load, and the frequency depends on
+the amplitude; neither of its two numbers does anything alone.
+"""
+
+from __future__ import annotations
+
+from cosim.diagnosis.effect import Effect, factor, shift
+
+EFFECT = Effect(
+    acts_on="axle",
+    parameters=(
+        factor("first_stage_stiffness", "axle_first_stage.stiffness_ratio", unit="1",
+               meaning="stiffness of the first stage over the second",
+               spread=0.5, limits=(0.03, 1.5), detection=0.15, probes=(0.4,)),
+        shift("first_stage_twist", "axle_first_stage.twist", unit="rad",
+              meaning="twist of an axle shaft at which the first stage ends",
+              spread=0.015, limits=(0.0, 0.1), detection=0.004, probes=(0.015,)),
+    ),
+)

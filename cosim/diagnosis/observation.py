@@ -1,0 +1,136 @@
+"""From what a plant does to what a measurement shows: sensors, filters and clocks, without the plant.
+
+A plant gives its outputs on an even clock (1 ms). A channel shows one of them at its own instants, and
+errs in ways of its own; all of them are parameters ``observe.CHANNEL.NAME`` in the same flat mapping as
+the plant's, so that a sensor may be the cause as well as a shaft:
+
+    gain, offset             shown = gain * true + offset
+    filter_period            low-pass filter of the torque meter, its edge beyond the vehicle file's [s]
+    delay                    the value shown is that of ``delay`` ago [s]
+    eccentricity, _phase     a speed swings by this share once a revolution, and where in it it begins [rad]
+    clock_drift, _offset     the stamp of true time t is (1 + drift) t + offset
+
+They need no new run of the plant. Whatever is missing is absent: gain 1, all else 0. The vehicle file's own
+torque meter (``torque_meter.*``) and the delays of its CAN speeds (``wheel_speed_sensor.delay``) count as
+known and are applied with them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from scipy.signal import sosfilt
+
+from driveline.quantities import InputError, from_values
+from driveline.sensors.torque_meter import TorqueMeter, filter_sections, steady_state
+
+PREFIX = "observe."
+# Errors a channel can have, and what they are without.
+NEUTRAL = {"gain": 1.0, "offset": 0.0, "filter_period": 0.0, "delay": 0.0, "eccentricity": 0.0,
+           "eccentricity_phase": 0.0, "clock_drift": 0.0, "clock_offset": 0.0}
+METERED = "propeller_shaft_torque"
+# Below this period [s] of its edge the filter cannot be made at 1 kHz; from there to 0 it fades out.
+SHORTEST_PERIOD = 1.0 / 300.0
+LONGEST_PERIOD = 1.0
+
+
+@dataclass(frozen=True)
+class Errors:
+    """How one channel errs; see the module."""
+
+    gain: float = 1.0
+    offset: float = 0.0
+    filter_period: float = 0.0
+    delay: float = 0.0
+    eccentricity: float = 0.0
+    eccentricity_phase: float = 0.0
+    clock_drift: float = 0.0
+    clock_offset: float = 0.0
+
+    @classmethod
+    def of(cls, channel: str, values: Mapping[str, float]) -> Errors:
+        """Those of a channel: the file's own sensor and what ``observe.CHANNEL`` adds to it.
+
+        Raises:
+            InputError: There is no such error.
+        """
+        found = {}
+        start = f"{PREFIX}{channel}."
+        for name in values:
+            if name.startswith(start):
+                error = name[len(start):]
+                if error not in NEUTRAL:
+                    raise InputError(f"{name}: a channel has {', '.join(NEUTRAL)}")
+                found[error] = float(values[name])
+        errors = cls(**found)
+        if channel == METERED:
+            period = errors.filter_period
+            if values.get("torque_meter.enabled", 0.0):
+                period += 1.0 / values["torque_meter.stopband_frequency"]
+            return replace(errors, filter_period=max(period, 0.0),
+                           gain=errors.gain * values.get("torque_meter.gain", 1.0),
+                           offset=errors.offset + values.get("torque_meter.offset", 0.0))
+        return replace(errors, delay=errors.delay + values.get(f"{channel}_sensor.delay", 0.0))
+
+
+def observe(channel: str, time: np.ndarray, true: np.ndarray, stamps: np.ndarray,
+            values: Mapping[str, float]) -> np.ndarray:
+    """What a channel shows.
+
+    Args:
+        channel: Canonical name of a signal the plant gives.
+        time: Even clock of the plant's output [s], shape (n,).
+        true: The output, shape (n,) in SI.
+        stamps: Instants as the logger wrote them [s], any shape; before and after the run its ends hold.
+        values: All values; only ``observe.CHANNEL.*`` and the file's own sensor matter.
+
+    Returns:
+        Shape of ``stamps``, in SI, unrounded: a resolution is noise to whoever compares.
+    """
+    errors = Errors.of(channel, values)
+    shown = np.asarray(true, dtype=np.float64)
+    if errors.eccentricity:
+        angle = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(time) * (shown[1:] + shown[:-1]))])
+        shown = shown * (1.0 + errors.eccentricity * np.cos(angle + errors.eccentricity_phase))
+    shown = errors.gain * shown + errors.offset
+    if errors.filter_period:
+        shown = filtered(shown, float(time[1] - time[0]), errors.filter_period, values)
+    instants = (np.asarray(stamps, dtype=np.float64) - errors.clock_offset) / (1.0 + errors.clock_drift)
+    return np.interp(instants - errors.delay, time, shown)
+
+
+def filtered(signal: np.ndarray, step: float, period: float, values: Mapping[str, float]) -> np.ndarray:
+    """A signal behind the torque meter's low-pass filter, its bands scaled so that they end at 1/period.
+
+    It starts as if the first value had been there for ever. Without a torque meter in ``values`` the bands
+    are those of thesis table 2.2.
+
+    Args:
+        step: Distance of the samples [s]; 1 ms is the meter's own.
+        period: Of the edge of the stop band [s].
+    """
+    if period <= 0.0:
+        return signal
+    if period > LONGEST_PERIOD:
+        raise InputError(f"filter_period is {period:g} s: at most {LONGEST_PERIOD:g} s is possible")
+    known = tuple((name, values[name]) for name in sorted(values) if name.startswith("torque_meter."))
+    sections = _sections(known, step, max(period, SHORTEST_PERIOD))
+    taps = np.column_stack([sections[:, :3], np.ones(len(sections)), sections[:, 3:]])
+    start = steady_state(sections, signal[0]).reshape(-1, 2)
+    smooth, _ = sosfilt(taps, signal, zi=start)
+    if period < SHORTEST_PERIOD:
+        share = period / SHORTEST_PERIOD
+        return (1.0 - share) * signal + share * smooth
+    return smooth
+
+
+@lru_cache(maxsize=256)
+def _sections(known: tuple[tuple[str, float], ...], step: float, period: float) -> np.ndarray:
+    meter = from_values(TorqueMeter, dict(known), "torque_meter.")
+    edge = 1.0 / period
+    scale = edge / meter.stopband_frequency
+    return filter_sections(replace(meter, sampling_frequency=1.0 / step, stopband_frequency=edge,
+                                   passband_frequency=scale * meter.passband_frequency))
