@@ -31,6 +31,11 @@ PREFIX = "observe."
 # Errors a channel can have, and what they are without.
 NEUTRAL = {"gain": 1.0, "offset": 0.0, "filter_period": 0.0, "delay": 0.0, "eccentricity": 0.0,
            "eccentricity_phase": 0.0, "clock_drift": 0.0, "clock_offset": 0.0}
+CHANNELS = ("engine_speed", "turbine_speed", "transmission_output_speed", "wheel_speed", "vehicle_speed",
+            "propeller_shaft_torque", "seat_acceleration", "differential_acceleration")
+# No error anywhere, of inputs and sensors; what a plant's own parameters do not hold.
+DEFAULTS = {"input.road_grade.offset": 0.0} | {
+    f"{PREFIX}{channel}.{name}": value for channel in CHANNELS for name, value in NEUTRAL.items()}
 METERED = "propeller_shaft_torque"
 # Below this period [s] of its edge the filter cannot be made at 1 kHz; from there to 0 it fades out.
 SHORTEST_PERIOD = 1.0 / 300.0
@@ -76,22 +81,22 @@ class Errors:
         return replace(errors, delay=errors.delay + values.get(f"{channel}_sensor.delay", 0.0))
 
 
-def observe(channel: str, time: np.ndarray, true: np.ndarray, stamps: np.ndarray,
-            values: Mapping[str, float]) -> np.ndarray:
+def observe(raw: Mapping[str, np.ndarray], time: np.ndarray, values: Mapping[str, float], channel: str,
+            stamps: np.ndarray) -> np.ndarray:
     """What a channel shows.
 
     Args:
-        channel: Canonical name of a signal the plant gives.
-        time: Even clock of the plant's output [s], shape (n,).
-        true: The output, shape (n,) in SI.
-        stamps: Instants as the logger wrote them [s], any shape; before and after the run its ends hold.
+        raw: Outputs of the plant by canonical name, each of shape (n,), in SI.
+        time: Their even clock [s], shape (n,).
         values: All values; only ``observe.CHANNEL.*`` and the file's own sensor matter.
+        channel: Canonical name of one of the outputs.
+        stamps: Instants as the logger wrote them [s], any shape; before and after the run its ends hold.
 
     Returns:
         Shape of ``stamps``, in SI, unrounded: a resolution is noise to whoever compares.
     """
     errors = Errors.of(channel, values)
-    shown = np.asarray(true, dtype=np.float64)
+    shown = np.asarray(raw[channel], dtype=np.float64)
     if errors.eccentricity:
         angle = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(time) * (shown[1:] + shown[:-1]))])
         shown = shown * (1.0 + errors.eccentricity * np.cos(angle + errors.eccentricity_phase))
