@@ -4,19 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from cosim.master import Master, Ramp
+from cosim.master.clock import PER_SECOND, step_length
 from cosim.master.parameters import find_fmu
 from cosim.result import Result
+from cosim.signals import Signal
 from driveline.models import MODELS
 from driveline.plants.plant import Plant
 from driveline.quantities import InputError
 from driveline.vehicles import Vehicle
 
 FULL_ORDER = "plant_fom"
+
+
+class Manoeuvre(Protocol):
+    """What it takes to drive a model: torque over time, gear, speed at the start, end of the run, step."""
+
+    @property
+    def torque(self) -> Signal: ...
+    gear: int
+    vehicle_speed: float
+    stop: float
+    step: float
 
 
 @dataclass(frozen=True)
@@ -73,11 +87,11 @@ def parameters(model: str, vehicle: Vehicle, gear: int = 5,
     return values | dict(changes or {})
 
 
-def prepare(model: str, values: Mapping[str, float], tip_in: TipIn) -> tuple[Plant, np.ndarray]:
+def prepare(model: str, values: Mapping[str, float], tip_in: Manoeuvre) -> tuple[Plant, np.ndarray]:
     """A plant in its steady state before the tip-in, and its inputs, a row a step."""
     plant = MODELS[model](values)
     plant["start.vehicle_speed"] = tip_in.vehicle_speed
-    torque = tip_in.torque.values(tip_in.step * np.arange(round(tip_in.stop / tip_in.step)))
+    torque = tip_in.torque.values(instants(tip_in)[:-1])
     plant["engine_torque"] = torque[0]
     if model == FULL_ORDER:
         plant["gear"] = tip_in.gear
@@ -88,13 +102,24 @@ def prepare(model: str, values: Mapping[str, float], tip_in: TipIn) -> tuple[Pla
     return plant, inputs
 
 
-def drive(model: str, values: Mapping[str, float], tip_in: TipIn) -> Result:
+def instants(tip_in: Manoeuvre) -> np.ndarray:
+    """The communication points [s], to the bit those of the master's clock."""
+    return np.arange(round(tip_in.stop / tip_in.step) + 1) * step_length(tip_in.step, "step") / PER_SECOND
+
+
+def drive(model: str, values: Mapping[str, float], tip_in: Manoeuvre) -> Result:
     """The tip-in through a model in process; signals at every communication point from 0 on."""
     plant, inputs = prepare(model, values, tip_in)
     names = [variable.name for variable in plant.output_variables]
-    first = [plant[name] for name in names]
-    table = np.vstack([first, plant.simulate(inputs, tip_in.step)])
-    time = tip_in.step * np.arange(len(table))
+    outputs = slice(len(plant.inputs), len(plant.inputs) + len(names))
+    time = instants(tip_in)
+    table = np.empty((time.size, len(names)))
+    table[0] = plant.values[outputs]
+    # step by step at the master's instants: `simulate` counts its own, which differ in the last bit
+    for k, (now, row) in enumerate(zip(time.tolist(), inputs), start=1):
+        plant.values[:row.size] = row
+        plant.step(now, tip_in.step)
+        table[k] = plant.values[outputs]
     signals = {name: table[:, i] for i, name in enumerate(names)}
     units = {variable.name: variable.unit for variable in plant.output_variables}
     signals["engine_torque"], units["engine_torque"] = tip_in.torque.values(time), "N.m"
