@@ -14,16 +14,16 @@ from fmpy.validation import validate_fmu
 from lxml import etree
 
 from driveline.estimators import ESTIMATORS
-from driveline.models import MODELS
+from driveline.models import MODELS, SHIPPED_VARIANT, SHIPPED_VEHICLE
 from driveline.vehicles import load as load_vehicle
 from fmus import packaging
-from fmus.packaging import FMUS, HERE, VARIANT, VEHICLE
+from fmus.packaging import FMUS, HERE
 
 STEP = 1e-3
 
 
 def in_process(name, backend="auto"):
-    return MODELS[name](MODELS[name].defaults_from(load_vehicle(VEHICLE, VARIANT)), backend=backend)
+    return MODELS[name](MODELS[name].defaults_from(load_vehicle(SHIPPED_VEHICLE, SHIPPED_VARIANT)), backend=backend)
 
 
 def torque_input(described):
