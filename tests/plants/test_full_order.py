@@ -59,13 +59,14 @@ def test_rolling_steadily_all_speeds_are_in_the_ratios(vehicle, gears):
                                      "transfer_case.drag_viscous": 0.0}, {"suspension.enabled": 1.0}])
 @pytest.mark.parametrize("gear", [-1, *GEARS])
 def test_a_torque_accelerates_the_whole_reflected_inertia(gear, options):
-    """a = (T i i_f / r - m g sin(grade)) / sum of inertia times (speed over vehicle speed) squared."""
-    torque, grade = 60.0, 0.03
+    """a = (T i i_f / r - m g sin(grade) - brake / r) / sum of inertia times (speed over vehicle's) squared."""
+    torque, grade, brake = 60.0, 0.03, 250.0
     model = plant("plant_fom", {**FREE, **options, "start.vehicle_speed": 8.0 * np.sign(gear)}, gear=gear,
-                  engine_torque=torque, road_grade=grade)
+                  engine_torque=torque, road_grade=grade, brake_torque=brake)
     parts = felt_inertias(model, gear)
     felt = sum(inertia * ratio**2 for inertia, ratio in parts.values())
-    force = torque * parts["turbine"][1] - model["vehicle.mass"] * GRAVITY * np.sin(grade)
+    force = (torque * parts["turbine"][1] - model["vehicle.mass"] * GRAVITY * np.sin(grade)
+             - np.sign(gear) * brake * parts["wheels"][1])
     assert model["vehicle_acceleration"] == pytest.approx(force / felt, rel=1e-9)
 
 
@@ -110,6 +111,41 @@ def test_with_an_open_lock_up_clutch_the_engine_starts_as_asked_or_at_idle_or_wi
     assert model["turbine_speed"] == pytest.approx(turbine)
     expected = {"idle": p.engine.idle_speed, "turbine": turbine}.get(engine, engine)
     assert model["engine_speed"] == pytest.approx(expected)
+
+
+def test_the_heat_made_is_that_of_every_damper_and_both_contact_patches():
+    """Sum of damping times rate squared, from the parameters and the speeds of a swinging driveline.
+
+    The converter is emptied: beside the locked clutch it feels the damper's twist rate as slip.
+    """
+    empty = {f"converter.capacity[{i}]": 0.0 for i in range(1, 12)}
+    model = plant("plant_fom", {**FREE, **empty, "start.vehicle_speed": 8.0}, gear=3)
+    p, names = model.parameters, [entry.name for entry in model.network.entries]
+    for i in range(12):
+        run(model, 0.013, start=0.013 * i, engine_torque=150.0)
+        s, rates = dict(zip(names, model.state)), dict(zip(names, model.rates()[0]))
+        w = {name.removesuffix("_speed"): value for name, value in s.items() if name.endswith("_speed")}
+        in_contact = {name: float(model[f"{name}_contact"] != 0.0) for name in ("transmission", "final_drive")}
+        prop = 2.0 * p.propeller_shaft.damping
+        heat = [
+            p.damper.damping * (w["damper_plate"] - w["turbine"]) ** 2,
+            prop * (w["transmission_output"] - w["propeller_shaft"]) ** 2,
+            prop * (w["propeller_shaft"] - w["pinion"]) ** 2,
+            p.seat.damping * (w["vehicle"] - w["seat"]) ** 2,
+            p.differential_case.damping * w["differential_case"] ** 2,
+            p.engine_mount.damping * w["powertrain_roll"] ** 2,
+            in_contact["transmission"] * p.transmission.damping * (
+                w["planetary_sets"] - p.transmission.ratio[4] * w["transmission_output"]) ** 2,
+            in_contact["final_drive"] * p.final_drive.mesh_damping * (
+                w["pinion"] - p.final_drive.ratio * w["differential"]) ** 2,
+        ]
+        for side in ("left", "right"):
+            hub, belt, patch = w[f"{side}_hub"], w[f"{side}_belt"], f"{side}_contact_deflection"
+            slip = p.tyre.radius * belt - w["vehicle"]
+            heat += [p.axle_shaft.damping * (w["differential"] - hub) ** 2, p.tyre.damping * (hub - belt) ** 2,
+                     p.tyre.slip_stiffness / p.tyre.relaxation_length * s[patch] * (slip - rates[patch])]
+        assert rates["energy_dissipated"] == pytest.approx(sum(heat), rel=1e-9)
+        assert sum(heat) > 1.0
 
 
 # -- gear changes -----------------------------------------------------------------------------------------
