@@ -13,6 +13,7 @@ Source: thesis section 2.1.1 (base path, instantaneous path, torque uncertainty)
 from __future__ import annotations
 
 from dataclasses import dataclass
+
 from ..kernels.backend import kernel
 from ..quantities import quantity
 from .fade import fade

@@ -8,9 +8,10 @@ branch's first number. So plants differ in data only, and what is proved for one
 Time stepping. Within a communication step the inputs are held. The step is cut at every instant
 where something in the plant switches by the clock (a delayed input arrives, a noise value ends, a
 sensor samples); each piece is cut into equal sub-steps of classical Runge-Kutta of order four. A
-lash flank met or left, a clutch that sticks or slips is located inside its sub-step on the sign of
-its guard, the mode changes there, and integration goes on from there: order four holds through
-contacts, and results do not depend on where the communication steps fall.
+lash flank met or left, a clutch that sticks or slips, a shaft that passes from one stage to another
+is located inside its sub-step on the sign of its guard, the mode changes there, and integration
+goes on from there: order four holds through contacts, and results do not depend on where the
+communication steps fall.
 
 Everything is flat: `state` is all that changes in a run (complete to the bit), `plan` the structure
 (integers), `constants` the numbers. The code keeps to indexing, arithmetic and while/for/if, the
@@ -21,14 +22,17 @@ from __future__ import annotations
 
 from math import cos, sin
 
+from ..elements.asymmetric_friction import flank_loss_fraction
 from ..elements.backlash import lash_guard, lash_relaxation, lash_torque
 from ..elements.converter import converter_torques
 from ..elements.engine_torque import FADE_SPEED, engine_friction, indicated_target
-from ..elements.friction import friction_guard, friction_torque
 from ..elements.fade import fade
+from ..elements.friction import friction_guard, friction_torque
 from ..elements.mesh_loss import loss_torque
 from ..elements.road_load import aerodynamic_force
 from ..elements.shaft import shaft_torque
+from ..elements.torque_ripple import ripple_torque
+from ..elements.two_stage_stiffness import two_stage_energy, two_stage_guard, two_stage_torque
 from ..elements.tyre import contact_deflection_rate
 from ..sensors.can_signal import can_signal_tick, standard_normal
 from ..sensors.torque_meter import filter_sample
@@ -40,11 +44,13 @@ LASH = 1       # stiffness, damping, half_gap
 FRICTION = 2   # capacity (times a signal and a lag state), static_ratio, drag, base capacity (times cos grade)
 CONVERTER = 3  # tables
 CONTACT = 4    # slip stiffness / relaxation length, relaxation length, deflection limit, radius
-LOSS = 5       # constant, viscous, fraction; reference branch
+LOSS = 5       # constant, viscous, fraction, excess of the fraction on coast; reference branch
 AERO = 6       # half density times drag area
 ENGINE = 7     # gain, offset, noise, friction 0, 1, accessories, maximum, idle speed, gain, lag
 SOURCE = 8     # gain; torque = gain * signal
 REACTION = 9   # gain; torque = gain * torque of the reference branch, which does not feel it
+TWO_STAGE = 10 # stiffness, damping, ratio of the first stage, its twist
+RIPPLE = 11    # amplitude, order, phase; reference: place of the angle
 
 # Columns of a branch in `plan`.
 LAW, NODE_A, NODE_B, TWIST, PARAMETER, SIGNAL, REFERENCE, MODE = range(8)
@@ -70,8 +76,8 @@ DELAY, SUBSTEP, NOISE_PERIOD, TICK, METER_GAIN, METER_OFFSET, METER_ON = range(7
 CONSTANTS_HEAD = 8
 
 # Signals known in every plant; the inputs follow.
-ONE, COS_GRADE, SIN_GRADE, DELAYED, NOISE, IN_GEAR = range(6)
-SIGNALS_HEAD = 6
+ONE, COS_GRADE, SIN_GRADE, DELAYED, NOISE, IN_GEAR, RUNS = range(7)
+SIGNALS_HEAD = 7
 
 # Clock part of the state.
 GEAR, QUEUE_FIRST, QUEUE_COUNT, METER_HELD, EVENTS = range(5)
@@ -169,8 +175,9 @@ def rates(plan, work, y, dy, signal, torque, torque_b, modes, matrix):
             work[dx] = u_rate
             dissipated += t * (rate - u_rate)
         elif law == LOSS:
-            t = loss_torque(
-                rate, work[torque + plan[row + REFERENCE]], work[p + 2], work[p + 3], work[p + 4])
+            carried = work[torque + plan[row + REFERENCE]]
+            t = loss_torque(rate, carried, work[p + 2], work[p + 3],
+                            flank_loss_fraction(rate, carried, work[p + 4], work[p + 5]))
             dissipated += t * rate
         elif law == AERO:
             t = aerodynamic_force(rate, work[p + 2])
@@ -192,6 +199,16 @@ def rates(plan, work, y, dy, signal, torque, torque_b, modes, matrix):
             dissipated += drag * rate
         elif law == SOURCE:
             t = -work[p + 2] * work[signal + plan[row + SIGNAL]]
+            supplied -= t * rate
+        elif law == TWO_STAGE:
+            t = two_stage_torque(
+                work[modes + b], work[x], rate, work[p + 2], work[p + 3], work[p + 4], work[p + 5])
+            t_b = t
+            work[dx] = rate
+            dissipated += work[p + 3] * rate * rate
+        elif law == RIPPLE:
+            t = -work[signal + RUNS] * fade(rate / FADE_SPEED) * ripple_torque(
+                work[y + plan[row + REFERENCE]], work[p + 2], work[p + 3], work[p + 4])
             supplied -= t * rate
         else:  # REACTION
             t = -work[p + 2] * work[torque + plan[row + REFERENCE]]
@@ -285,7 +302,7 @@ def stick(plan, work, dy, torque, torque_b, matrix, stuck):
 
 @kernel
 def guard(plan, work, y, signal, torque, modes, b):
-    """Positive where branch ``b``, a lash or dry friction, must leave its mode."""
+    """Positive where branch ``b``, one that switches, must leave its mode."""
     row = plan[BRANCH_TABLE] + b * BRANCH_COLUMNS
     p = plan[row + PARAMETER]
     rate = work[p] * work[y + plan[row + NODE_A]]
@@ -295,6 +312,8 @@ def guard(plan, work, y, signal, torque, modes, b):
         x = y + plan[row + TWIST]
         return lash_guard(work[modes + b], work[x], work[x + 1], rate,
                           work[p + 2], work[p + 3], work[p + 4])
+    if plan[row + LAW] == TWO_STAGE:
+        return two_stage_guard(work[modes + b], work[y + plan[row + TWIST]], work[p + 5])
     capacity = friction_capacity(plan, work, row, y, signal)
     return friction_guard(work[modes + b], rate, work[torque + b], capacity, capacity * work[p + 3])
 
@@ -332,6 +351,13 @@ def switch_modes(plan, work, y, dy, signal, torque, torque_b, modes, matrix):
             else:
                 work[modes + b] = -1.0
                 work[x + 1] = work[x] + work[p + 4]
+        elif plan[row + LAW] == TWO_STAGE:
+            if mode != 0.0:
+                work[modes + b] = 0.0
+            elif work[y + plan[row + TWIST]] > 0.0:
+                work[modes + b] = 1.0
+            else:
+                work[modes + b] = -1.0
         elif mode != 0.0:
             # The slip has come to zero: remove what is left of it by the pair of impulses that
             # changes no momentum, then see whether the sticking torque can be carried.
@@ -475,7 +501,7 @@ def integrate(plan, work, y, dy, y2, dy2, spare, span, signal, torque, torque_b,
 
 
 @kernel
-def stored_energy(plan, work, y):
+def stored_energy(plan, work, y, modes):
     """Kinetic energy of all nodes plus what shafts, lashes and tyre contacts hold [J]."""
     energy = 0.0
     inertia = plan[INERTIA]
@@ -490,6 +516,9 @@ def stored_energy(plan, work, y):
             energy += 0.5 * k * work[x] * work[x]
         elif law == LASH:
             energy += 0.5 * k * work[x + 1] * work[x + 1]
+        elif law == TWO_STAGE:
+            p = plan[row + PARAMETER]
+            energy += two_stage_energy(work[modes + b], work[x], k, work[p + 4], work[p + 5])
     return energy
 
 
@@ -513,7 +542,7 @@ def observe(plan, work, y, dy, torque, modes, observed):
         elif kind == CONTACT_MODE:
             value = work[modes + what]
         elif kind == STORED:
-            value = stored_energy(plan, work, y)
+            value = stored_energy(plan, work, y, modes)
         else:  # LASH_ANGLE
             x = y + plan[plan[BRANCH_TABLE] + what * BRANCH_COLUMNS + TWIST]
             value = work[x] - work[x + 1]
@@ -621,6 +650,7 @@ def network_run(state: F8, plan: I8, constants: F8, work: F8, inputs: F8, output
     for b in range(branches):
         work[modes + b] = state[plan[STATE_MODES] + b]
     work[signal + ONE] = 1.0
+    work[signal + RUNS] = 1.0
     work[signal + DELAYED] = 0.0
     work[signal + NOISE] = 0.0
     delay = work[DELAY]
@@ -753,7 +783,7 @@ def network_rates(state: F8, plan: I8, constants: F8, work: F8, inputs: F8,
                   result: F8) -> int:
     """Rates of the continuous states at ``state`` with its modes and the first row of ``inputs``.
 
-    For equilibria and linearisation: the torque request counts as arrived, noise as zero.
+    For equilibria and linearisation: the torque request counts as arrived, noise and ripple as zero.
 
     Args:
         result: 2 x CONTINUOUS: the rates, then room for the torques of the branches.
@@ -788,6 +818,7 @@ def network_rates(state: F8, plan: I8, constants: F8, work: F8, inputs: F8,
     if plan[DELAYED_INPUT] >= 0:
         work[signal + DELAYED] = inputs[plan[DELAYED_INPUT]]
     work[signal + NOISE] = 0.0
+    work[signal + RUNS] = 0.0
     for i in range(n):
         work[y + i] = state[i]
     for b in range(branches):

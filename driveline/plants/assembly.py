@@ -11,6 +11,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ..elements.torque_ripple import TorqueRipple
+from ..elements.two_stage_stiffness import FirstStage
 from ..kernels import network as k
 from ..quantities import InputError
 from ..sensors.can_signal import CanSignal, can_signal_parameters, can_signal_state, jitter_table
@@ -166,6 +168,15 @@ class Assembly:
         return self._branch(Branch(name, k.SHAFT, a, b, ratio_a, ratio_b, (stiffness, damping),
                                    states=(entry,)))
 
+    def staged_shaft(self, name: str, a: int, b: int, stiffness: float, damping: float,
+                     stage: FirstStage) -> int:
+        """A shaft that may have a first stage; without one it is a plain shaft."""
+        if not stage.present:
+            return self.shaft(name, a, b, stiffness, damping)
+        entry = StateEntry(f"{name}_twist", "rad", f"twist of the {name.replace('_', ' ')}")
+        return self._branch(Branch(name, k.TWO_STAGE, a, b, 1.0, 1.0,
+                                   (stiffness, damping, stage.stiffness_ratio, stage.twist), states=(entry,)))
+
     def lash(self, name: str, a: int, b: int, stiffness: Number, damping: Number, half_gap: Number,
              ratio_a: Number = 1.0, ratio_b: Number = 1.0) -> int:
         """A compliant shaft with backlash (thesis eq. 2.5 to 2.8)."""
@@ -201,10 +212,13 @@ class Assembly:
                                    states=(entry,)))
 
     def loss(self, name: str, node: int, carried: int, constant: Number, viscous: Number,
-             fraction: Number) -> int:
-        """A loss at a node that grows with the torque carried by an earlier branch."""
-        return self._branch(Branch(name, k.LOSS, node, GROUND, 1.0, 0.0, (constant, viscous, fraction),
-                                   reference=carried))
+             fraction: Number, coast_excess: Number = 0.0) -> int:
+        """A loss at a node that grows with the torque carried by an earlier branch.
+
+        ``coast_excess`` adds to the fraction where that torque drives the node backward.
+        """
+        return self._branch(Branch(name, k.LOSS, node, GROUND, 1.0, 0.0,
+                                   (constant, viscous, fraction, coast_excess), reference=carried))
 
     def aerodynamic(self, name: str, node: int, factor: float, ratio: float = 1.0) -> int:
         """Drag on a node; ``factor`` is half density times drag area."""
@@ -214,6 +228,11 @@ class Assembly:
         """The engine's torque on its crankshaft; see ``elements.engine_torque``."""
         entry = StateEntry("air_torque", "N.m", "indicated torque of the air path")
         return self._branch(Branch(name, k.ENGINE, node, GROUND, 1.0, 0.0, numbers, spark, states=(entry,)))
+
+    def ripple(self, name: str, node: int, ripple: TorqueRipple, angle: int) -> int:
+        """A torque on a node that swings with an angle, the integral of that number."""
+        return self._branch(Branch(name, k.RIPPLE, node, GROUND, 1.0, 0.0,
+                                   (ripple.amplitude, ripple.order, ripple.phase), reference=angle))
 
     def source(self, name: str, node: int, gain: float, signal: int, ratio: float = 1.0) -> int:
         """A torque or force ``gain * signal`` on a node."""
@@ -228,9 +247,10 @@ class Assembly:
         self.lags[name] = (signal, time_constant, StateEntry(name, "1", meaning))
         return name
 
-    def integral(self, node: int, name: str, unit: str, meaning: str) -> None:
-        """The integral of a node's speed."""
+    def integral(self, node: int, name: str, unit: str, meaning: str) -> int:
+        """The integral of a node's speed; returns its number."""
         self.integrals.append((node, StateEntry(name, unit, meaning)))
+        return len(self.integrals) - 1
 
     def place(self, name: str) -> int:
         """Where a state is in the state vector; every node, branch and lag must be there before."""
@@ -309,6 +329,8 @@ class Assembly:
             reference = branch.reference
             if branch.law == k.FRICTION and reference >= 0:
                 reference = levels[lag_names[reference]]
+            if branch.law == k.RIPPLE:
+                reference = integral_places[reference]
             rows.append([branch.law, branch.node_a, branch.node_b, twists[branch.name], parameter,
                          branch.signal, reference, index])
 
@@ -348,7 +370,7 @@ class Assembly:
         plan[k.NODES], plan[k.BRANCHES], plan[k.CONTINUOUS] = n_nodes, n_branches, n
         plan[k.LAGS], plan[k.INTEGRALS], plan[k.TERMS] = len(lag_rows), len(integral_rows), len(term_rows)
         plan[k.OUTPUTS], plan[k.GEAR_ROWS], plan[k.INPUTS] = len(names), len(gear_rows), len(self.inputs)
-        switches = [b for b, row in enumerate(rows) if row[0] in (k.LASH, k.FRICTION)]
+        switches = [b for b, row in enumerate(rows) if row[0] in (k.LASH, k.FRICTION, k.TWO_STAGE)]
         plan[k.SWITCHES] = len(switches)
         plan[k.CHANNELS], plan[k.SECTIONS] = len(channel_rows), len(self.sections)
         plan[k.ACTIVE_SIZE], plan[k.GEARS], plan[k.INERTIA] = len(active), self.gears, inertia

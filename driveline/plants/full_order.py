@@ -11,7 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..elements.asymmetric_friction import AsymmetricFriction
 from ..elements.converter import Converter
+from ..elements.coulomb_drag import CoulombDrag
 from ..elements.driveline_parts import (
     DifferentialCase,
     DualMassFlywheel,
@@ -27,9 +29,11 @@ from ..elements.engine_torque import EngineTorque
 from ..elements.friction import Brake, LockupClutch
 from ..elements.road_load import GRAVITY, RoadLoad
 from ..elements.shaft import MassiveShaft, Shaft
+from ..elements.torque_ripple import TorqueRipple
+from ..elements.two_stage_stiffness import FirstStage
 from ..elements.tyre import Tyre
 from ..kernels import network as k
-from ..quantities import Variable, from_values, parameter_variables, quantity
+from ..quantities import InputError, Variable, from_values, parameter_variables, quantity
 from ..sensors.can_signal import CanSignal, CanVehicleSpeed
 from ..sensors.torque_meter import TorqueMeter
 from .assembly import GROUND, Assembly, ByGear, Network, Term
@@ -86,6 +90,11 @@ class FullOrderParameters:
     vehicle_speed_sensor: CanVehicleSpeed
     start: Start
     solver: Solver
+    # what a vehicle file need not mention: absent unless a value puts it in
+    torque_ripple: TorqueRipple
+    asymmetric_friction: AsymmetricFriction
+    axle_first_stage: FirstStage
+    coulomb_drag: CoulombDrag
 
 
 def input_variable(name: str, unit: str, meaning: str, **more) -> Variable:
@@ -195,6 +204,10 @@ class FullOrderPlant(Plant):
         ring_ratio = p.final_drive.ratio
         weight = p.vehicle.mass * GRAVITY
         tyre = p.tyre
+        if p.final_drive.loss_fraction + p.asymmetric_friction.coast_loss_fraction < 0.0:
+            raise InputError(
+                f"asymmetric_friction.coast_loss_fraction is {p.asymmetric_friction.coast_loss_fraction:g}: with "
+                f"final_drive.loss_fraction, {p.final_drive.loss_fraction:g}, it must not be below 0")
         driven = ("left", "right")
 
         # inertias
@@ -243,12 +256,17 @@ class FullOrderPlant(Plant):
                 "shift element capacity over its full one")
         net.lag("brake_torque_level", net.signal("brake_torque"), p.brake.lag, "brake torque at the wheels [N.m]")
 
+        net.integral(body, "travelled_distance", "m", "distance since the start")
+        crank_angle = net.integral(crank, "crank_angle", "rad", "crankshaft angle since the start")
+
         # branches, engine to road
         e = p.engine
         net.engine("engine", crank, (
             e.torque_gain, e.torque_offset, e.torque_noise, e.friction_constant, e.friction_viscous,
             e.accessory_torque, e.maximum_torque, e.idle_speed, e.idle_gain, e.air_lag),
             net.signal("spark_efficiency"))
+        if p.torque_ripple.amplitude > 0.0:
+            net.ripple("torque_ripple", crank, p.torque_ripple, crank_angle)
         if flywheel.enabled:
             net.shaft("dual_mass_flywheel", crank, impeller, flywheel.stiffness, flywheel.damping)
         net.converter("converter", impeller, turbine,
@@ -268,15 +286,19 @@ class FullOrderPlant(Plant):
         net.shaft("propeller_shaft_rear", middle, pinion, 2.0 * shaft.stiffness, 2.0 * shaft.damping)
         hypoid = net.lash("final_drive", pinion, differential, p.final_drive.mesh_stiffness,
                           p.final_drive.mesh_damping, p.final_drive.half_gap, ratio_b=ring_ratio)
-        net.loss("final_drive_loss", pinion, hypoid, p.final_drive.loss_constant, 0.0, p.final_drive.loss_fraction)
+        net.loss("final_drive_loss", pinion, hypoid, p.final_drive.loss_constant, 0.0, p.final_drive.loss_fraction,
+                 p.asymmetric_friction.coast_loss_fraction)
         axle_shafts = []
         for side, hub, belt in zip(driven, hubs, belts, strict=True):
-            axle_shafts.append(net.shaft(
-                f"{side}_axle_shaft", differential, hub, p.axle_shaft.stiffness, p.axle_shaft.damping))
+            axle_shafts.append(net.staged_shaft(
+                f"{side}_axle_shaft", differential, hub, p.axle_shaft.stiffness, p.axle_shaft.damping,
+                p.axle_first_stage))
             net.friction(f"{side}_brake", hub, GROUND, 0.5, lag="brake_torque_level")
             net.shaft(f"{side}_tyre", hub, belt, tyre.stiffness, tyre.damping)
             net.contact(f"{side}_contact", belt, axle, tyre.slip_stiffness, tyre.relaxation_length,
                         tyre_force_limit(p), tyre.radius)
+        if p.coulomb_drag.torque > 0.0:
+            net.friction("coulomb_drag", differential, GROUND, p.coulomb_drag.torque)
         if p.suspension.enabled:
             net.shaft("suspension", axle, body, p.suspension.stiffness, p.suspension.damping, unit="m")
         net.aerodynamic("aerodynamic_drag", body,
@@ -289,8 +311,6 @@ class FullOrderPlant(Plant):
         net.reaction("axle_reaction", case, hypoid, -ring_ratio)
         net.reaction("output_reaction", mounts, front, -1.0)
 
-        net.integral(body, "travelled_distance", "m", "distance since the start")
-        net.integral(crank, "crank_angle", "rad", "crankshaft angle since the start")
 
         half, arm = 0.5, p.differential_case.lever_arm
         at_shaft = ByGear(tuple(1.0 / r for r in ratio.values))

@@ -252,7 +252,7 @@ class Plant(Model):
         Newton's method on the rates. The vehicle keeps its speed; all other speeds may leave the
         rolling ones by the tyres' slip. Clutches that stick do not slip: their torques fix only
         accelerations, so the speeds need equations of their own. Lashes lie on the flank their
-        torque asks for.
+        torque asks for, shafts are in the stage of their twist.
         """
         net = self.network
         n_nodes = len(net.nodes)
@@ -260,7 +260,9 @@ class Plant(Model):
         first = [int(r[k.TWIST]) for r in rows]
         lashes = [b for b, r in enumerate(rows) if r[k.LAW] == k.LASH]
         twisted = [first[b] + (r[k.LAW] == k.LASH) for b, r in enumerate(rows)
-                   if r[k.LAW] in (k.SHAFT, k.LASH, k.CONTACT)]
+                   if r[k.LAW] in (k.SHAFT, k.LASH, k.CONTACT, k.TWO_STAGE)]
+        staged = [(b, first[b], net.constants[r[k.PARAMETER] + 5]) for b, r in enumerate(rows)
+                  if r[k.LAW] == k.TWO_STAGE]
         engine = [first[b] for b, r in enumerate(rows) if r[k.LAW] == k.ENGINE]
         body = net.nodes[self.body]
         unknown = [i for i in range(n_nodes) if i != body] + twisted + engine
@@ -272,6 +274,8 @@ class Plant(Model):
             self.state[unknown] = x[:-1]
             for b in lashes:  # the rate of the shaft's own twist
                 self.state[first[b]] = self.state[first[b] + 1]
+            for b, twist, width in staged:
+                self.state[net.modes][b] = np.sign(self.state[twist]) * (abs(self.state[twist]) > width)
             rates, _ = self.rates()
             return np.concatenate([rates[:n_nodes] - shape * x[-1], rates[twisted], rates[engine],
                                    slips @ self.state[:n_nodes]])
