@@ -26,7 +26,7 @@ from fmpy.fmi2 import FMU2Slave
 
 from cosim.master import Master, Step
 from driveline.kernels import native
-from driveline.models import MODELS
+from driveline.models import MODELS, SHIPPED_VARIANT, SHIPPED_VEHICLE
 from driveline.vehicles import load
 from fmus.packaging import build
 
@@ -264,7 +264,7 @@ def fresh(path: Path, instances: int) -> list[Figure]:
 
 def in_process(seconds: float, repeats: int) -> list[Figure]:
     """The plant without an FMU: rates for fits, one call of the kernel, compiled against plain Python."""
-    values = MODELS[FULL].defaults_from(load("pickup_10r80", "modified"))
+    values = MODELS[FULL].defaults_from(load(SHIPPED_VEHICLE, SHIPPED_VARIANT))
 
     def ready(backend: str):
         model = MODELS[FULL](values, backend=backend)

@@ -26,7 +26,7 @@ from cosim.studies.manoeuvre import TipIn, drive
 from cosim.studies.manoeuvre import parameters as parameters_of
 from driveline import vehicles
 from driveline.kernels import network as k
-from driveline.models import MODELS
+from driveline.models import MODELS, SHIPPED_GEAR, SHIPPED_VARIANT, SHIPPED_VEHICLE
 from driveline.plants.plant import Plant
 from driveline.quantities import Variable
 from driveline.vehicles import Vehicle
@@ -34,7 +34,6 @@ from driveline.vehicles import Vehicle
 FOLDER = Path(__file__).parent
 README = FOLDER.parent / "README.md"
 RESULTS = FOLDER / "results"
-VEHICLE, VARIANT, GEAR = "pickup_10r80", "modified", 5
 PLANT_PAGES = {
     "plants/plant_fom_variables.md": ("plant_fom",),
     "plants/plant_rom_variables.md": ("plant_rom_2dof", "plant_rom_3dof", "plant_rom_3dof_split"),
@@ -120,7 +119,7 @@ def parameters(variables: Iterable[Variable], vehicle: Vehicle) -> Iterator[tupl
 
 def variables(name: str, vehicle: Vehicle) -> Iterator[str]:
     """One plant's lists."""
-    defaults = MODELS[name].defaults_from(vehicle, GEAR)
+    defaults = MODELS[name].defaults_from(vehicle, SHIPPED_GEAR)
     plant = MODELS[name](defaults)
     plant.initialize()
     yield f"## {name}"
@@ -146,7 +145,7 @@ def variables(name: str, vehicle: Vehicle) -> Iterator[str]:
     rows = list(parameters(found, vehicle))
     headers = ("parameter", "unit", "value", "range", "meaning", "source")
     if not vehicle.values.items() <= defaults.items():  # computed, not read
-        yield (f"Computed from the full-order vehicle by `driveline/plants/reduced.py`, for gear {GEAR}; "
+        yield (f"Computed from the full-order vehicle by `driveline/plants/reduced.py`, for gear {SHIPPED_GEAR}; "
                "`start` and `solver` have defaults of their own.")
         yield ""
         headers, rows = headers[:-1], [row[:-1] for row in rows]
@@ -155,12 +154,12 @@ def variables(name: str, vehicle: Vehicle) -> Iterator[str]:
 
 def page(names: Sequence[str]) -> str:
     """A page of lists."""
-    vehicle = vehicles.load(VEHICLE, VARIANT)
+    vehicle = vehicles.load(SHIPPED_VEHICLE, SHIPPED_VARIANT)
     lines = [f"# What {' and '.join(names) if len(names) < 3 else 'the reduced plants'} consist"
              f"{'s' if len(names) == 1 else ''} of", "",
              "Written by `python -m docs.generate` from the declarations in `driveline/` and from "
-             f"`driveline/vehicles/{VEHICLE}.toml`, variant `{VARIANT}`. Units are SI; tables over gears "
-             "begin with reverse and neutral.", ""]
+             f"`driveline/vehicles/{SHIPPED_VEHICLE}.toml`, variant `{SHIPPED_VARIANT}`. Units are SI; tables "
+             "over gears begin with reverse and neutral.", ""]
     for name in names:
         lines += variables(name, vehicle)
     return "\n".join(lines).rstrip() + "\n"
@@ -222,7 +221,7 @@ def run_studies() -> None:
 
 def draw_tip_in(path: Path) -> None:
     """The picture of the README: the validation tip-in, full-order plant beside the 3DOF one."""
-    vehicle, tip_in = vehicles.load(VEHICLE, VARIANT), TipIn()
+    vehicle, tip_in = vehicles.load(SHIPPED_VEHICLE, SHIPPED_VARIANT), TipIn()
     full = drive("plant_fom", parameters_of("plant_fom", vehicle), tip_in)
     reduced = drive("plant_rom_3dof", parameters_of("plant_rom_3dof", vehicle),
                     tip_in.less(vehicle.values["engine.accessory_torque"]))

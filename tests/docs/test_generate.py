@@ -18,7 +18,7 @@ def test_everything_is_up_to_date(pages):
 def test_every_variable_of_a_plant_is_on_its_page(pages):
     page = pages[generate.FOLDER / "plants/plant_fom_variables.md"]
     model = generate.MODELS["plant_fom"](
-        generate.MODELS["plant_fom"].defaults_from(generate.vehicles.load(generate.VEHICLE)))
+        generate.MODELS["plant_fom"].defaults_from(generate.vehicles.load(generate.SHIPPED_VEHICLE)))
     for variable in model.variables:
         assert variable.name.partition("[")[0] in page
         assert variable.meaning in page
