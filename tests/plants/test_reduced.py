@@ -225,6 +225,10 @@ def test_all_reduced_models_have_the_inertia_lash_and_static_stiffness_of_the_fu
         gap = m.shaft.half_gap + (m.transmission_shaft.half_gap if kind == "split_lash" else 0.0)
         assert gap == pytest.approx(box.half_gap / abs(i) + p.final_drive.half_gap, rel=1e-12)
         assert m.shaft.stiffness > 0.0 and m.shaft.damping > 0.0
+        # drag at the engine while it turns at 150 rad/s and carries nothing
+        drag = m.gear.loss_constant + m.gear.loss_viscous * 150.0
+        assert drag == pytest.approx(box.loss_constant[gear + 1] + box.loss_viscous[gear + 1] * 150.0
+                                     + p.final_drive.loss_constant / abs(i), rel=1e-12)
     three, split = reduced.three_mass, reduced.split_lash
     series = 1.0 / (1.0 / split.transmission_shaft.stiffness + 1.0 / split.shaft.stiffness)
     assert three.shaft.stiffness == pytest.approx(series, rel=0.02)
