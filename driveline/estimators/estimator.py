@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
 
 from ..kernels import native
 from ..model import Model
-from ..plants.reduced import ThreeMassDriveline, reduce
+from ..plants.reduced import LashShaft, three_mass_at_hub
 from ..quantities import InputError, Variable, from_values, parameter_variables, quantity
 
 
@@ -45,10 +45,34 @@ class Noise:
         return np.array([self.r_1, self.r_2])
 
 
+def retuned(kind: type, name: str, start: float) -> Any:
+    """The field of a dataclass of quantities with another start value, for a subclass."""
+    return field(default=start, metadata=kind.__dataclass_fields__[name].metadata)
+
+
+@dataclass(frozen=True)
+class Trust:
+    """How much of what it cannot explain an estimator puts up with before it says so.
+
+    Both means are over about ``AVERAGED`` seconds. The second bound is the sharper one where Q is as
+    large as in appendix A, which promises innovations of 30 rad/s.
+    """
+
+    surprise: float = quantity("1", "bound on the mean normalised innovation", start=9.0, minimum=0.0)
+    torque: float = quantity("N.m", "bound on the torque the innovations stand for, at the crankshaft",
+                             start=60.0, minimum=0.0)
+    missing: float = quantity("s", "time without a complete frame", start=0.05, minimum=0.0)
+
+
+AVERAGED = 0.2
+
 FRAME_INPUTS = (
-    Variable("engine_torque", "N.m", "torque at the crankshaft, brake (T_e,inst,brake)", "input", "continuous", nominal=100.0),
-    Variable("engine_speed", "rad/s", "engine speed as it arrives; NaN for a frame that is missing", "input", "continuous", nominal=100.0),
-    Variable("wheel_speed", "rad/s", "driven wheel speed as it arrives; NaN for a frame that is missing", "input", "continuous", nominal=30.0),
+    Variable("engine_torque", "N.m", "torque at the crankshaft, brake (T_e,inst,brake)",
+             "input", "continuous", nominal=100.0),
+    Variable("engine_speed", "rad/s", "engine speed as it arrives; NaN for a frame that is missing",
+             "input", "continuous", nominal=100.0),
+    Variable("wheel_speed", "rad/s", "driven wheel speed as it arrives; NaN for a frame that is missing",
+             "input", "continuous", nominal=30.0),
 )
 
 
@@ -62,10 +86,12 @@ class Estimator(Model):
 
     A frame is taken in at every multiple of ``sampling.period`` that a communication step reaches;
     between them the outputs are held, so the communication step may be shorter, or a multiple.
-    Inputs may be anything: what is not a plausible number counts as a missing frame.
+    Inputs may be anything: what is not a plausible number counts as a missing frame. After a run has
+    left the finite numbers for whatever reason, an estimator starts anew with the next good frame.
 
     Subclasses give ``Parameters``, ``inputs``, ``output_variables``, ``entry_point`` (name of the
-    step's kernel), ``constants`` and ``state_size``.
+    step's kernel), ``constants``, ``state_size``, ``work_size`` and the ``flank`` on which they need the
+    stiffness right (1 driving, -1 coasting, 0 both).
     """
 
     default_step = 1e-2
@@ -75,6 +101,7 @@ class Estimator(Model):
     entry_point: ClassVar[str]
     state_size: ClassVar[int]
     work_size: ClassVar[int]
+    flank: ClassVar[float] = 0.0
 
     def __init__(self, defaults: Mapping[str, float], backend: str = "auto") -> None:
         parameters = from_values(self.Parameters, defaults)
@@ -95,8 +122,8 @@ class Estimator(Model):
         """The driveline lumped from a vehicle file, for one gear."""
         from ..plants.full_order import FullOrderParameters
 
-        lumped = reduce(from_values(FullOrderParameters, vehicle.values), gear).three_mass
-        driveline = from_values(ThreeMassDriveline, {v.name: v.start for v in parameter_variables(lumped)})
+        full = from_values(FullOrderParameters, vehicle.values)
+        driveline = three_mass_at_hub(full, gear, flank=cls.flank)
         return {v.name: v.start for v in parameter_variables(driveline)}
 
     @property
@@ -156,7 +183,11 @@ class Estimator(Model):
         return found
 
 
-def check_lash(value: float) -> None:
-    """Raise InputError unless a lash size [rad] can be worked with."""
-    if not 0.0 < value < 1.0:
-        raise InputError(f"shaft.half_gap is {value:g} rad: an estimator of lash needs one between 0 and 1 rad")
+def check_shaft(shaft: LashShaft) -> None:
+    """Raise InputError unless a shaft with lash can be worked with: its lash angle follows k_s / c_s."""
+    if not 0.0 < shaft.half_gap < 1.0:
+        raise InputError(f"shaft.half_gap is {shaft.half_gap:g} rad: an estimator of lash needs one "
+                         "between 0 and 1 rad")
+    if not shaft.damping > 0.0:
+        raise InputError(f"shaft.damping is {shaft.damping:g} N.m.s/rad: an estimator of lash needs one "
+                         "above 0")

@@ -1,4 +1,4 @@
-"""The 3DOF driveline as the estimators' kernels see it: numbers in a row, loads, steady state."""
+"""The 3DOF driveline as the estimators see it: sensors, numbers in a row, loads, steady state, trust."""
 
 from __future__ import annotations
 
@@ -8,6 +8,15 @@ from ..kernels.backend import kernel
 from ..plants.reduced import ThreeMassDriveline
 from .state_space import Lumped
 
+# States of model II (eq. 3.13), in order.
+N = 6
+TWIST, ENGINE, WHEEL_TWIST, FINAL_DRIVE, WHEEL, LASH = range(N)
+
+# What the two sensors read. The wheel sensor is at the rim, which turns with J_2 (three_mass_at_hub);
+# the printed C (eq. 3.17) reads theta_w, which lies behind the tyre.
+MEASURED = (ENGINE, FINAL_DRIVE)
+M = len(MEASURED)
+
 # Places of the driveline's numbers in an estimator's constants.
 (K_S, C_S, I_TR, I_FDR, RADIUS, AERO, ROLLING, LOSS_CONSTANT, LOSS_VISCOUS, LOSS_FRACTION, HALF_GAP,
  J_1, J_2, J_V, K_W) = range(15)
@@ -16,6 +25,11 @@ DRIVELINE = 15
 # Speeds beyond this [rad/s] and torques beyond that [N.m] are not measurements.
 PLAUSIBLE_SPEED = 2000.0
 PLAUSIBLE_TORQUE = 1e4
+
+
+def measurement_matrix() -> np.ndarray:
+    """C, measurements x states: engine speed, and the speed of the final drive with the rims."""
+    return np.eye(N)[list(MEASURED)]
 
 
 def driveline_constants(driveline: ThreeMassDriveline) -> np.ndarray:
@@ -55,3 +69,18 @@ def steady_torques(work, at, torque, load):
     acceleration = (torque * ratio - work[at + RADIUS] * load) / inertia
     shaft = (torque - work[at + J_1] * ratio * acceleration) * work[at + I_TR]
     return shaft, work[at + I_FDR] * shaft - work[at + J_2] * acceleration
+
+
+@kernel
+def shaft_torque(work, at, x):
+    """Torque in the shaft in contact [N.m] (eq. 3.2) for the state at ``work[x]``."""
+    rate = work[x + ENGINE] / work[at + I_TR] - work[at + I_FDR] * work[x + FINAL_DRIVE]
+    return work[at + K_S] * (work[x + TWIST] - work[x + LASH]) + work[at + C_S] * rate
+
+
+@kernel
+def unexplained_torque(work, at, engine, wheel, period):
+    """The torque [N.m, at the crankshaft] that innovations of both speeds stand for, squared."""
+    at_engine = work[at + J_1] * engine / period
+    at_wheel = work[at + J_2] * wheel / (period * work[at + I_TR] * work[at + I_FDR])
+    return at_engine * at_engine + at_wheel * at_wheel

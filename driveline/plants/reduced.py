@@ -6,7 +6,7 @@ from the physics, not from the printed equations: docs/errata.md lists where tho
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -208,18 +208,8 @@ class Reduction:
     split_lash: SplitLashParameters
 
 
-def reduce(p: FullOrderParameters, gear: int = 5, speed: float = 12.0, torque: float = 120.0) -> Reduction:
-    """Lump the full-order driveline.
-
-    Inertias are referred by the squares of the ratios. Shafts in series are lumped by their complex
-    stiffness k + c s at the shuffle vibration s, at ``speed`` [m/s] and engine ``torque`` [N.m]: so
-    the tyres' slip, a damper in series, is in the lumps with what it does to shuffle. The vibration
-    is the two-mass model's own, s = sqrt(-K(s) / J), found by iteration.
-
-    The 3DOF model keeps the two places where the compliance sits, shafts and tyres, apart: k_s is
-    transmission, propeller shaft, hypoid mesh and axle shafts at the propeller shaft, J_2 what
-    turns with the wheels' rims, k_w the tyres. (The thesis's text puts the axle shafts into k_w as
-    well as into J_2; see docs/errata.md.)
+def at_shuffle(p: FullOrderParameters, gear: int, speed: float, torque: float) -> Lumps:
+    """The lumps at the shuffle vibration: the two-mass model's own, s = sqrt(-K(s) / J), by iteration.
 
     Raises:
         InputError: The vehicle has no such gear.
@@ -237,19 +227,46 @@ def reduce(p: FullOrderParameters, gear: int = 5, speed: float = 12.0, torque: f
         change, s = abs(new - s), complex(0.5 * (s + new))
         if change < 1e-12 * abs(s):
             break
-    radius = p.tyre.radius
-    front = 2.0 * (p.hub.inertia + p.tyre.belt_inertia) / radius**2
-    vehicle = Vehicle(
-        mass=p.vehicle.mass + front, tyre_radius=radius,
+    return parts
+
+
+def _vehicle(p: FullOrderParameters) -> Vehicle:
+    """What the road sees; the front wheels roll along."""
+    front = 2.0 * (p.hub.inertia + p.tyre.belt_inertia) / p.tyre.radius**2
+    return Vehicle(
+        mass=p.vehicle.mass + front, tyre_radius=p.tyre.radius,
         aerodynamic_factor=0.5 * p.vehicle.air_density * p.vehicle.drag_coefficient * p.vehicle.frontal_area,
         rolling_resistance_force=p.tyre.rolling_resistance * p.vehicle.mass * GRAVITY)
-    loss = p.transmission
+
+
+def _half_gap(p: FullOrderParameters, ratio: float) -> float:
+    """Half of all lash, at the propeller shaft (section 2.2.2.2)."""
+    return p.transmission.half_gap / abs(ratio) + p.final_drive.half_gap
+
+
+def reduce(p: FullOrderParameters, gear: int = 5, speed: float = 12.0, torque: float = 120.0) -> Reduction:
+    """Lump the full-order driveline.
+
+    Inertias are referred by the squares of the ratios. Shafts in series are lumped by their complex
+    stiffness k + c s at the shuffle vibration s, at ``speed`` [m/s] and engine ``torque`` [N.m]: so
+    the tyres' slip, a damper in series, is in the lumps with what it does to shuffle.
+
+    The 3DOF model keeps the two places where the compliance sits, shafts and tyres, apart: k_s is
+    transmission, propeller shaft, hypoid mesh and axle shafts at the propeller shaft, J_2 what
+    turns with the wheels' rims, k_w the tyres. (The thesis's text puts the axle shafts into k_w as
+    well as into J_2; see docs/errata.md.)
+
+    Raises:
+        InputError: The vehicle has no such gear.
+    """
+    parts = at_shuffle(p, gear, speed, torque)
+    s, i, i_fd = parts.s, parts.ratio, p.final_drive.ratio
+    loss, vehicle, half_gap = p.transmission, _vehicle(p), _half_gap(p, i)
     ratios = Gear(
         transmission_ratio=i, final_drive_ratio=i_fd,
         loss_constant=loss.loss_constant[gear + 1] + p.final_drive.loss_constant / abs(i),
         loss_viscous=loss.loss_viscous[gear + 1],
         loss_fraction=(loss.loss_fraction[gear + 1] + p.final_drive.loss_fraction) / abs(i))
-    half_gap = p.transmission.half_gap / abs(i) + p.final_drive.half_gap
     shafts = series(parts.transmission, parts.propeller, parts.axle / i_fd**2)
     engine = parts.engine + parts.output / i**2
     wheels = parts.ring + parts.hubs
@@ -270,6 +287,48 @@ def reduce(p: FullOrderParameters, gear: int = 5, speed: float = 12.0, torque: f
             LashShaft(**_shaft(series(parts.propeller, parts.axle / i_fd**2), s),
                       half_gap=p.final_drive.half_gap),
             wheel_shaft, ratios, vehicle, start, solver))
+
+
+def three_mass_at_hub(p: FullOrderParameters, gear: int = 5, speed: float = 12.0, torque: float = 120.0,
+                      flank: float = 0.0) -> ThreeMassDriveline:
+    """The 3DOF driveline cut where the estimators' questions and sensors are.
+
+    ``reduce`` shares things out for the vibration of the whole; between two measured speeds it
+    matters on which side of the lash and of the wheel sensor each part is:
+
+    - The first lash to leave its flank is the transmission's, when the torque in it is zero. So J_1 is
+      what turns before it, only the losses before it are taken off the engine torque, and what turns
+      between transmission and final drive belongs to J_2.
+    - The sensor is at the rim. So J_2 reaches to the rim (final drive, axle shafts, hubs), k_s is
+      everything between engine and rim, and k_w is the tyre with its slip, behind the sensor: a
+      wheel speed that had the vehicle's mass tied to it rigidly would take slip for torque.
+    - The final drive's drag acts behind the lash: its constant part is counted with the rolling
+      resistance. Of the torque in front, the axle shafts carry (1 - loss fraction) while driving and
+      (1 + loss fraction) while coasting, and so twist less or more.
+
+    Args:
+        flank: 1: stiffness while driving, -1: while coasting, 0: in between.
+
+    Raises:
+        InputError: The vehicle has no such gear.
+    """
+    parts = at_shuffle(p, gear, speed, torque)
+    s, i, i_fd = parts.s, parts.ratio, p.final_drive.ratio
+    loss, vehicle = p.transmission, _vehicle(p)
+    carried = 1.0 - flank * p.final_drive.loss_fraction
+    drag = p.final_drive.loss_constant * i_fd / p.tyre.radius
+    shafts = series(parts.transmission, parts.propeller, parts.axle / (carried * i_fd**2))
+    return ThreeMassDriveline(
+        engine_inertia=parts.engine,
+        final_drive_inertia=parts.ring + parts.hubs + parts.output * i_fd**2,
+        wheel_inertia=parts.belts,
+        shaft=LashShaft(**_shaft(shafts, s), half_gap=_half_gap(p, i)),
+        wheel_shaft=WheelShaft(**_shaft(parts.tyre, s)),
+        gear=Gear(
+            transmission_ratio=i, final_drive_ratio=i_fd,
+            loss_constant=loss.loss_constant[gear + 1], loss_viscous=loss.loss_viscous[gear + 1],
+            loss_fraction=loss.loss_fraction[gear + 1] / abs(i)),
+        vehicle=replace(vehicle, rolling_resistance_force=vehicle.rolling_resistance_force + drag))
 
 
 # -- the models --------------------------------------------------------------------------------------
