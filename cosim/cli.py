@@ -93,6 +93,10 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--twins", action="store_true", help="run the models in process instead of their FMUs")
     study = command("study", _study, "one table or figure of the paper", "out/NAME")
     study.add_argument("name", metavar="NAME")
+    study.add_argument("--workers", type=int, metavar="N",
+                       help="processes for a study of many runs (default: one a core)")
+    study.add_argument("--cluster", metavar="ADDRESS", help="dask scheduler to run them on instead")
+    study.add_argument("--measurement", type=Path, metavar="PATH", help="a recording, for a study that takes one")
     diagnose = command("diagnose", _diagnose, "what a measurement says is wrong", "out/diagnosis")
     diagnose.add_argument("measurement", type=Path, metavar="MEASUREMENT")
     hide = command("hide", _hide, "a measurement with effects hidden in it", "out/hidden")
@@ -227,8 +231,10 @@ def _study(options: argparse.Namespace) -> tuple[Any, str]:
     if options.name not in studies.STUDIES:
         studies.summary(options.name)  # says which there are, before a folder is made
     out = _writable(options.out or Path("out") / options.name)
+    given = {key: value for key in ("workers", "cluster", "measurement")
+             if (value := getattr(options, key)) is not None}
     with _progress(options.name, 0.0, 1.0) as progress:
-        answer = studies.run(options.name, out, progress)
+        answer = studies.run(options.name, out, progress, **given)
     lines = [f"{answer['study']}: {answer['source']}",
              f"{'quantity':48} {'unit':8} {'paper':>10} {'here':>10} {'deviation':>10}  note"]
     for row in answer["rows"]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import importlib
+import inspect
 import json
 import time
 from collections.abc import Callable
@@ -21,6 +22,11 @@ STUDIES: dict[str, str] = {
     "model-reduction": "model_reduction",
     "gears": "gears",
     "observability": "observability",
+    "state-estimator": "state_estimator",
+    "state-estimator-robustness": "state_estimator_robustness",
+    "state-estimator-sensitivity": "state_estimator_sensitivity",
+    "size-estimator": "size_estimator",
+    "size-estimator-robustness": "size_estimator_robustness",
 }
 
 
@@ -36,15 +42,19 @@ def run(name: str, out: Path, progress: Callable[[float], None] | None = None, *
     Args:
         name: One of ``STUDIES``.
         progress: Called now and then with the share that is done, 0 to 1.
-        size: Arguments of that study that make it smaller; see its ``run``.
+        size: Arguments of that study that make it smaller, or say how to run it; see its ``run``.
 
     Returns:
         What is in the JSON file.
 
     Raises:
-        InputError: There is no such study.
+        InputError: There is no such study, or it does not take such an argument.
     """
     study = importlib.import_module(f"{__name__}.{_module(name)}")
+    known = list(inspect.signature(study.run).parameters)[2:]
+    for argument in size:
+        if argument not in known:
+            raise InputError(f"study '{name}' takes no '{argument}'{did_you_mean(argument, known)}")
     progress = progress or (lambda share: None)
     began = time.perf_counter()
     progress(0.0)

@@ -88,8 +88,9 @@ class Drive:
 
     @property
     def tip_ins(self) -> tuple[float, ...]:
-        """When the torque begins to rise [s]."""
-        return self.torque.tip_ins if isinstance(self.torque, TorqueProfile) else (BEGIN,)
+        """When the torque begins to rise [s], within the run."""
+        begins = self.torque.tip_ins if isinstance(self.torque, TorqueProfile) else (BEGIN,)
+        return tuple(begin for begin in begins if begin < self.stop)
 
     def parameters(self) -> dict[str, float]:
         """Of the full-order plant."""

@@ -1,0 +1,133 @@
+"""Estimators of the lash size in ten tip-ins, with the plant's lash 2, 4 and 6 alpha.
+
+Table 4.1, figures 4.2 to 4.4. The estimators are not told the plant's lash.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from cosim.report.study_figures import Curve, Panel, draw
+from cosim.result import Result
+from cosim.studies.estimation import (
+    PERIODS,
+    Drive,
+    Estimates,
+    Reading,
+    every,
+    in_ms,
+    listen,
+    measure_size,
+    run_plant,
+    size_errors,
+    size_estimators,
+)
+from cosim.studies.estimator_findings import PLANT, RPM, color, held, through_fmus
+from cosim.studies.findings import THESIS, Findings
+from cosim.studies.sweep import CACHE, Case, Sweep
+from cosim.studies.torque_profiles import LONG, RATE, ramps
+
+SOURCE = f"{THESIS}, table 4.1"
+SPEED = 15.0  # at the start [m/s]
+DRIVE = Drive(ramps(RATE), stop=LONG, vehicle_speed=SPEED)
+LASHES = {1.0: "2 alpha", 2.0: "4 alpha", 3.0: "6 alpha"}  # factors on the plant's gaps
+PRINTED = {1.0: 0.81, 2.0: 0.25, 3.0: 0.23}  # table 4.1, at 10 ms [%]
+
+
+def run(out: Path, progress: Callable[[float], None], drive: Drive = DRIVE, workers: int | None = None,
+        cluster: str | None = None) -> Findings:
+    """Rows and pictures; a shorter drive with fewer tip-ins makes the study smaller.
+
+    Args:
+        workers, cluster: See ``sweep.Sweep``.
+    """
+    findings = Findings()
+    readings = every(size_estimators())
+    cases = [Case(label, measure_size, {"drive": _with_lash(drive, factor), "readings": readings})
+             for factor, label in LASHES.items()]
+    found = Sweep(out / CACHE, workers, cluster).run(cases, lambda share: progress(0.6 * share))
+    for factor, label in LASHES.items():
+        for i, reading in enumerate(readings):
+            rows(findings, f"{label}, {in_ms(reading.period)}, {reading.estimator}", found[label], i,
+                 PRINTED[factor] if reading.period == PERIODS[0] else None)
+    progress(0.7)
+    through_fmus(findings, drive, [r for r in readings if r.period == PERIODS[0]])
+    progress(0.8)
+    findings.figures += _figures(out, drive)
+    return findings
+
+
+def _with_lash(drive: Drive, factor: float) -> Drive:
+    return replace(drive, lash=factor)
+
+
+def rows(findings: Findings, which: str, case: Mapping, number: int, printed: float | None = None,
+         largest: float | None = None) -> None:
+    """Error after the last tip-in, the largest after any, and how often its interval was right."""
+    errors = size_errors(case, number)
+    said = case["readings"][number]
+    findings.add(f"lash size, error after the last tip-in, {which}", "%", printed, abs(errors[-1]),
+                 f"{np.degrees(said['size'][-1]):.3f} deg, true {np.degrees(case['truth']):.3f} deg")
+    findings.add(f"lash size, largest error after any tip-in, {which}", "%", largest, np.abs(errors).max(),
+                 "by tip-in: " + ", ".join(f"{error:+.1f}" for error in errors))
+    if "low" in said:
+        inside = [low <= case["truth"] <= high for low, high in zip(said["low"], said["high"])]
+        width = 100.0 * (np.array(said["high"]) - np.array(said["low"])) / case["truth"]
+        findings.add(f"true lash size in the 90 % interval, {which}", "%", None, 100.0 * np.mean(inside),
+                     f"of {len(inside)} tip-ins; its width falls from {width[0]:.1f} to {width[-1]:.1f} % of it")
+
+
+def _figures(out: Path, drive: Drive) -> list[str]:
+    plant = run_plant(drive)
+    found = {name: listen(plant, Reading(name), drive.gear, drive.step) for name in size_estimators()}
+    two = (0.0, min(drive.stop, (drive.tip_ins[2] if len(drive.tip_ins) > 2 else drive.stop)))
+    whole = (0.0, drive.stop)
+    figures = [draw(out / "figure_4_2.png", "Figure 4.2: two tip-ins, triggers and estimates, 10 ms",
+                    panels(plant, found, drive, two, triggers=True))]
+    figures.append(draw(out / "figure_4_3.png", "Figure 4.3: all tip-ins, size as it settles, 10 ms",
+                        panels(plant, found, drive, whole, split=True)))
+    figures.append(draw(out / "figure_4_4.png", "Figure 4.4: all tip-ins, size with constraint, 10 ms",
+                        panels(plant, found, drive, whole, split=True, settled=True)))
+    return figures
+
+
+def panels(plant: Result, found: Mapping[str, Estimates], drive: Drive, span: tuple[float, float],
+           triggers: bool = False, split: bool = False, settled: bool = False) -> list[Panel]:
+    """Torque; triggers and speeds, or both speeds; and the size, true and estimated.
+
+    Args:
+        triggers: Show when the thesis's estimator listens, and both speeds in one panel.
+        split: A panel a speed.
+        settled: Show what holds after each tip-in only, not how it gets there.
+    """
+    result = [Panel("(a) crankshaft torque", [Curve(plant.time, plant["crankshaft_torque"])], "torque [N.m]",
+                    x_range=span)]
+    thesis = next(iter(found.values()))
+    if triggers and "triggered" in thesis:
+        torque = plant["crankshaft_torque"]
+        rising = np.gradient(torque, plant.time) > 6.0
+        result.append(Panel("(b) triggers", [
+            Curve(plant.time, (torque > 0.0).astype(float), "torque positive", "measured"),
+            Curve(plant.time, 0.9 * rising, "torque rising", "second", "--"),
+            held(thesis, "triggered", "both: estimator listens", "first", 0.8)], "off, on", x_range=span))
+    letters = iter("bcd" if len(result) == 1 else "cd")
+    for speed in ("engine_speed", "wheel_speed") if split else ("engine_speed",):
+        curves = [Curve(plant.time, RPM * plant[speed], PLANT, "measured", width=1.5)]
+        curves += [held(e, f"{speed}_estimate", name, color(i), RPM) for i, (name, e) in enumerate(found.items())
+                   if f"{speed}_estimate" in e]
+        result.append(Panel(f"({next(letters)}) {speed.replace('_', ' ')}", curves, "speed [rpm]", x_range=span))
+    true = np.degrees(drive.lash_size())
+    curves = [Curve(np.array(span), np.full(2, true), "true", "measured", width=1.5)]
+    for i, (name, estimates) in enumerate(found.items()):
+        if not settled and "lash_size_unconstrained" in estimates:
+            curves.append(held(estimates, "lash_size_unconstrained", f"{name}, without constraint", color(i),
+                               np.degrees(1.0), "--"))
+        curves.append(held(estimates, "lash_size", f"{name}, with constraint" if not settled else name, color(i),
+                           np.degrees(1.0)))
+    result.append(Panel(f"({next(letters)}) lash size", curves, "size [deg]", x_range=span,
+                        y_range=(-0.4 * true, 2.0 * true)))
+    return result
