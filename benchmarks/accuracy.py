@@ -111,7 +111,7 @@ def main() -> None:
           f"itself converged to {np.abs(coarse - exact).max() / peak:.1e} of the peak")
     print("sub-step [us]   error / peak   order")
     before = None
-    for substep in (5e-4, 2.5e-4, 2e-4, 1.25e-4, 6.25e-5, 3.125e-5):
+    for substep in (4e-4, 2.5e-4, 2e-4, 1.25e-4, 6.25e-5, 3.125e-5):
         error = np.abs(trajectory(substep) - exact).max() / peak
         order = "" if before is None else f"{np.log(before[1] / error) / np.log(before[0] / substep):8.2f}"
         print(f"{substep * 1e6:13.2f}   {error:12.2e} {order}")

@@ -46,6 +46,7 @@ class Model:
                 [i for i, v in enumerate(self.variables) if v.causality == causality], dtype=np.intp)
             for causality in ("parameter", "input", "output")
         }
+        self._whole = np.array([v.kind != "real" for v in self.variables], dtype=bool)
         self._lower = np.array([-np.inf if v.minimum is None else v.minimum for v in self.variables])
         self._upper = np.array([np.inf if v.maximum is None else v.maximum for v in self.variables])
 
@@ -54,7 +55,7 @@ class Model:
         positions = self._positions[causality]
         values = self.values[positions]
         if ((values >= self._lower[positions]) & (values <= self._upper[positions])
-                & np.isfinite(values)).all():
+                & np.isfinite(values) & (~self._whole[positions] | (values == np.floor(values)))).all():
             return
         for i in positions:
             self.variables[i].check(float(self.values[i]))
@@ -77,6 +78,8 @@ class Model:
             InputError: The step is not a positive length, or an input is not finite or out of range.
             ArithmeticError: The state left the finite numbers; the message names the signal.
         """
+        if self.state.size == 0:
+            raise InputError(f"{self.name} was not initialised: call initialize first")
         if not 0.0 < dt < float("inf"):
             raise InputError(f"the communication step is {dt:g} s: a positive length is needed")
         self._check("input")

@@ -1,4 +1,4 @@
-"""Small vibrations about the present state of a plant: matrices, modes, the shuffle mode."""
+"""Small vibrations about the present state of a plant: modes, the shuffle mode."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..kernels import network as k
 from .plant import Plant
 
 
@@ -27,31 +26,9 @@ class Mode:
     shape: dict[str, complex]
 
 
-def state_matrix(plant: Plant) -> tuple[np.ndarray, list[str]]:
-    """Jacobian of the rates of all continuous states but the integrals and the energy ledger.
-
-    Central differences at the present state with the present contact modes and inputs held.
-
-    Returns:
-        The square matrix, and the names of its states.
-    """
-    net = plant.network
-    size = int(net.plan[k.CONTINUOUS] - net.plan[k.INTEGRALS]) - 2
-    matrix = np.empty((size, size))
-    for j in range(size):
-        h = 1e-5 * (1.0 + abs(plant.state[j]))
-        column = np.zeros(size)
-        for sign in (1.0, -1.0):
-            state = plant.state.copy()
-            state[j] += sign * h
-            column += sign * plant.rates(state)[0][:size]
-        matrix[:, j] = column / (2.0 * h)
-    return matrix, [entry.name for entry in net.entries[:size]]
-
-
 def modes(plant: Plant) -> list[Mode]:
     """The vibrations at the present state, slowest first."""
-    matrix, names = state_matrix(plant)
+    matrix, names = plant.state_matrix()
     values, vectors = np.linalg.eig(matrix)
     found = [
         Mode(abs(value.imag) / (2.0 * np.pi), -value.real / abs(value), complex(value),

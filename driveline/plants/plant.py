@@ -15,6 +15,9 @@ from ..sensors.can_signal import can_signal_state
 from ..sensors.torque_meter import steady_state
 from .assembly import GROUND, Network
 
+# Runge-Kutta's method of order four is stable for step times rate below 2.78; this keeps off it.
+STABLE = 2.5
+
 STATUS = {
     k.NOT_FINITE: "a state is no longer finite; look for a parameter far from its usual size, or "
                   "reduce solver.maximum_substep",
@@ -98,6 +101,7 @@ class Plant(Model):
         self._set_modes()
         if steady:
             self._find_equilibrium(speeds)
+        self._check_substep()
         self._settle_sensors(start_time)
         self._call(start_time, 0.0, 0)
 
@@ -245,6 +249,54 @@ class Plant(Model):
         state = self.state if state is None else np.ascontiguousarray(state)
         self._rates_kernel.bind(state, net.plan, net.constants, net.work, self._inputs, result)()
         return result[:n], result[n:n + len(net.branches)]
+
+    def state_matrix(self) -> tuple[np.ndarray, list[str]]:
+        """Jacobian of the rates of all continuous states but the integrals and the energy ledger.
+
+        Central differences at the present state with the present contact modes and inputs held.
+
+        Returns:
+            The square matrix, and the names of its states.
+        """
+        net = self.network
+        size = int(net.plan[k.CONTINUOUS] - net.plan[k.INTEGRALS]) - 2
+        matrix = np.empty((size, size))
+        state = self.state.copy()
+        n = int(net.plan[k.CONTINUOUS])
+        result = np.zeros(2 * n)
+        evaluate = self._rates_kernel.bind(state, net.plan, net.constants, net.work, self._inputs, result)
+        for j in range(size):
+            h = 1e-5 * (1.0 + abs(state[j]))
+            here = state[j]
+            state[j] = here + h
+            evaluate()
+            column = result[:size].copy()
+            state[j] = here - h
+            evaluate()
+            matrix[:, j] = (column - result[:size]) / (2.0 * h)
+            state[j] = here
+        return matrix, [entry.name for entry in net.entries[:size]]
+
+    def _check_substep(self) -> None:
+        """Refuse a sub-step at which Runge-Kutta's method would not be stable, in any gear there is."""
+        net = self.network
+        inputs = self._inputs.copy()
+        gears = [None]
+        if net.plan[k.GEARS]:
+            gears = [gear for gear in range(-1, int(net.plan[k.GEARS]) - 1) if self._gear_exists(gear)]
+        fastest = 0.0
+        for gear in gears:
+            if gear is not None:
+                self._inputs[net.plan[k.GEAR_INPUT]] = gear
+            matrix, _ = self.state_matrix()
+            if not np.isfinite(matrix).all():
+                raise ArithmeticError(f"{self.name} at the start: {STATUS[k.NOT_FINITE]}")
+            fastest = max(fastest, np.abs(np.linalg.eigvals(matrix)).max())
+        self._inputs[:] = inputs
+        substep = self["solver.maximum_substep"]
+        if substep * fastest > STABLE:
+            raise InputError(f"solver.maximum_substep is {substep:g} s: the fastest motion of this plant, "
+                             f"{fastest:.0f} 1/s, needs at most {STABLE / fastest:.3g} s")
 
     def _find_equilibrium(self, speeds: np.ndarray) -> None:
         """Twists, torques and tyre slip of steady rolling: every node accelerates with the vehicle.

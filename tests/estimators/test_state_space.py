@@ -20,7 +20,6 @@ from driveline.estimators.state_space import (
 )
 from driveline.kernels import network as k
 from driveline.plants.full_order import FullOrderParameters
-from driveline.plants.linear import state_matrix
 from driveline.plants.reduced import ThreeMassPlant, reduce
 from driveline.quantities import InputError, from_values, parameter_variables
 
@@ -59,7 +58,7 @@ def transformation(names, states):
 
 def test_contact_mode_is_the_plants_linearisation(plant, parameters):
     model = twists(Lumped.of(parameters), CONTACT)
-    jacobian, names = state_matrix(plant)
+    jacobian, names = plant.state_matrix()
     T = transformation(names, model.states)
     difference = jacobian @ T - T @ model.A
     assert np.abs(difference).max() < 1e-6 * np.abs(model.A).max()
@@ -69,7 +68,7 @@ def test_backlash_mode_is_the_plants_linearisation(plant, parameters):
     lumped = Lumped.of(parameters)
     model = twists(lumped, BACKLASH)
     plant.state[plant.network.modes][plant.network.branches["shaft"]] = 0.0
-    jacobian, names = state_matrix(plant)
+    jacobian, names = plant.state_matrix()
     T = transformation(names, model.states)
     own = names.index("shaft_shaft_twist")  # in the gap the kernel solves its decay, it has no rate there
     jacobian[own, own] = -lumped.k_s / lumped.c_s

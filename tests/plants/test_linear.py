@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from runs import PLANTS, plant, run, start_values
 
-from driveline.plants.linear import modes, shuffle_mode, state_matrix
+from driveline.plants.linear import modes, shuffle_mode
 
 
 def swinging(name, kick=1e-3):
@@ -81,7 +81,7 @@ def test_every_vibration_of_a_driven_plant_dies_out(name):
     for mode in found:
         assert 0.0 < mode.damping_ratio < 1.0
         assert mode.eigenvalue.imag > 0.0 > mode.eigenvalue.real
-    matrix, names = state_matrix(model)
+    matrix, names = model.state_matrix()
     assert matrix.shape == (len(names), len(names))
     assert np.linalg.eigvals(matrix).real.max() < 1e-2  # but for the drift of rolling itself
 
