@@ -54,8 +54,8 @@ SIZE = LASH
 GAIN = DRIVELINE
 A = GAIN + M * N
 B = A + N * N
-(LEVEL, SLOPE, CALM_RATE, CALM_TORQUE, CALM_TIME, PERIOD, SPREAD_ENGINE, SPREAD_WHEEL, LEVEL_GAIN,
- TREND_GAIN, WEIGHT, SURPRISE_BOUND, TORQUE_BOUND, MISSED_BOUND) = range(B + N * M, B + N * M + 14)
+(LEVEL, SLOPE, CALM_RATE, CALM_TORQUE, CALM_TIME, PERIOD, SPREAD_ENGINE, SPREAD_WHEEL, BALANCE_GAIN,
+ WEIGHT, SURPRISE_BOUND, TORQUE_BOUND, MISSED_BOUND) = range(B + N * M, B + N * M + 13)
 CONSTANTS = MISSED_BOUND + 1
 X = CONSTANTS
 ROOM = X + N
@@ -63,11 +63,11 @@ WORK = ROOM + N
 
 # State: frames so far, x, then these.
 KEPT = 1 + N
-(TRIGGERED, ARMED, TORQUE, SINCE, ENGINE_BEFORE, BALANCED, SHAFT, TREND, CALM, CANDIDATE, CONSTRAINED,
- TRIGGERS, SURPRISE, UNEXPLAINED, MISSED) = range(KEPT, KEPT + 15)
-STATE = KEPT + 14  # without the count of frames
+(TRIGGERED, ARMED, TORQUE, SINCE, COMPLETE, ENGINE_BEFORE, RATE_BEFORE, BALANCED, SHAFT, CALM, CANDIDATE,
+ CONSTRAINED, TRIGGERS, SURPRISE, UNEXPLAINED, MISSED) = range(KEPT, KEPT + 16)
+STATE = KEPT + 15  # without the count of frames
 
-# The torque balance before a trigger is smoothed over this time [s]: at 10 ms hardly at all.
+# Time [s] over which the engine's torque balance sets the shaft's torque right before a trigger.
 SMOOTHING = 5e-3
 
 INPUT_TORQUE, INPUT_ENGINE, INPUT_WHEEL = range(3)
@@ -113,21 +113,19 @@ class TkbseParameters(ThreeMassDriveline):
 
 
 @kernel
-def balance(state, work, torque, engine_speed):
-    """Follow the shaft's torque and its trend, from the engine's acceleration over the last period.
+def balance(state, work, torque, engine_speed, rate):
+    """Follow the shaft's torque: it changes with the twist ``rate`` [rad/s] that both speeds show.
 
-    That is the torque half a period ago: hence the trend. Both follow a ramp without lag.
+    The engine's torque balance, which only differences of its speed give, and only for the middle of
+    the last period, sets it right over the time ``SMOOTHING``.
     """
     acceleration = (engine_speed - state[ENGINE_BEFORE]) / work[PERIOD]
     net = net_torque(work, 0, 0.5 * (torque + state[TORQUE]), engine_speed, state[SHAFT])
     found = work[I_TR] * (net - work[J_1] * acceleration)
-    if state[BALANCED] > 0.0:
-        expected = state[SHAFT] + work[PERIOD] * state[TREND]
-        state[SHAFT] = expected + work[LEVEL_GAIN] * (found - expected)
-        state[TREND] += work[TREND_GAIN] * (found - expected) / work[PERIOD]
-    else:
-        state[SHAFT] = found
-        state[TREND] = 0.0
+    change = work[K_S] * 0.5 * (rate + state[RATE_BEFORE]) * work[PERIOD]
+    if state[BALANCED] == 0.0:
+        state[SHAFT] = found - 0.5 * change
+    state[SHAFT] += change + work[BALANCE_GAIN] * (found - state[SHAFT] - 0.5 * change)
     state[BALANCED] = 1.0
 
 
@@ -137,9 +135,8 @@ def start(state, work, engine_speed, wheel_speed):
     for i in range(N):
         work[X + i] = 0.0
     if state[BALANCED] > 0.0:
-        shaft = min(state[SHAFT] + 0.5 * work[PERIOD] * state[TREND], 0.0)
-        rate = engine_speed / work[I_TR] - work[I_FDR] * wheel_speed
-        work[X + TWIST] = (shaft - work[C_S] * rate) / work[K_S]
+        shaft = min(state[SHAFT], 0.0)
+        work[X + TWIST] = (shaft - work[C_S] * state[RATE_BEFORE]) / work[K_S]
         work[X + WHEEL_TWIST] = work[I_FDR] * shaft / work[K_W]
     work[X + ENGINE] = engine_speed
     work[X + FINAL_DRIVE] = wheel_speed
@@ -203,10 +200,14 @@ def tkbse_step(state: F8, constants: F8, work: F8, inputs: F8, outputs: F8, time
         wanted = torque > work[LEVEL] and slope > work[SLOPE]
         if torque <= work[LEVEL]:
             state[ARMED] = 1.0
-    if torque_good and engine_good and state[SINCE] == 1.0 and state[BALANCED] >= 0.0:
-        balance(state, work, torque, inputs[INPUT_ENGINE])
+    rate = 0.0
+    if engine_good and wheel_good:
+        rate = inputs[INPUT_ENGINE] / work[I_TR] - work[I_FDR] * inputs[INPUT_WHEEL]
+    if torque_good and engine_good and wheel_good and state[COMPLETE] > 0.0:
+        balance(state, work, torque, inputs[INPUT_ENGINE], rate)
     else:
         state[BALANCED] = 0.0
+    state[RATE_BEFORE] = rate
     if state[TRIGGERED] > 0.0 and not wanted:
         state[TRIGGERED] = 0.0
         if state[CANDIDATE] > 0.0:
@@ -222,17 +223,16 @@ def tkbse_step(state: F8, constants: F8, work: F8, inputs: F8, outputs: F8, time
     elif wanted and state[ARMED] > 0.0 and engine_good and wheel_good:
         start(state, work, inputs[INPUT_ENGINE], inputs[INPUT_WHEEL])
     state[MISSED] += work[PERIOD]
+    state[COMPLETE] = 0.0
     if torque_good and engine_good and wheel_good:
         state[MISSED] = 0.0
+        state[COMPLETE] = 1.0
+        state[ENGINE_BEFORE] = inputs[INPUT_ENGINE]
     if torque_good:
         state[TORQUE] = torque
         state[SINCE] = 1.0
     elif state[SINCE] > 0.0:
         state[SINCE] += 1.0
-    state[ENGINE_BEFORE] = inputs[INPUT_ENGINE]
-    if not engine_good:
-        state[ENGINE_BEFORE] = 0.0
-        state[BALANCED] = -1.0
     for i in range(N):
         state[1 + i] = work[X + i]
         outputs[i] = work[X + i]
@@ -281,10 +281,9 @@ class Tkbse(Estimator):
         a, b = discretise(model.A, model.B, period)
         noise = np.diag(parameters.noise.measurement)
         gain, spread = stationary_gain(a, measurement_matrix(), np.diag(parameters.noise.process), noise)
-        kept = np.exp(-period / SMOOTHING)
         return np.concatenate([
             driveline_constants(parameters), gain.ravel(), a.ravel(), b.ravel(),
             [trigger.torque, trigger.slope, trigger.settled_rate, trigger.settled_torque,
              trigger.settled_time - 0.5 * period, period], np.diag(spread),
-            [1.0 - kept * kept, (1.0 - kept) ** 2, min(1.0, period / AVERAGED),
+            [1.0 - np.exp(-period / SMOOTHING), min(1.0, period / AVERAGED),
              trust.surprise, trust.torque, trust.missing]])

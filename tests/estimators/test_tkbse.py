@@ -1,0 +1,210 @@
+"""Laws of the triggered size estimator, and the sizes it finds on the full-order plant."""
+
+import functools
+
+import numpy as np
+import pytest
+from runs import plant, run
+from scipy.linalg import expm
+
+from driveline.estimators.dskse import Dskse
+from driveline.estimators.state_space import CONTACT, Lumped, twists
+from driveline.estimators.tkbse import Tkbse
+from driveline.vehicles import load
+
+N = 6
+
+
+def make(gear=5, period=0.01, **inputs):
+    estimator = Tkbse(Tkbse.defaults_from(load("pickup_10r80", "modified"), gear))
+    estimator["sampling.period"] = period
+    for key, value in inputs.items():
+        estimator[key] = value
+    return estimator
+
+
+def columns(estimator, outputs):
+    return {v.name: outputs[:, i] for i, v in enumerate(estimator.output_variables)}
+
+
+def pulses(*edges, low=-30.0, rate=250.0):
+    """Torque that goes up and down at a rate, to one height after another: (from, to, height)."""
+    def torque(t):
+        level = np.full(t.size, low)
+        for start, end, high in edges:
+            rise = np.clip(low + (t + 1e-3 - start) * rate, low, high)
+            fall = np.clip(high - (t + 1e-3 - end) * rate, low, high)
+            level = np.maximum(level, np.minimum(rise, fall))
+        return level
+    return torque
+
+
+TIP_INS = ((0.5, 2.5, 200.0), (4.5, 6.5, 200.0))
+
+
+@functools.cache
+def record(scale=1, gear=5, edges=TIP_INS, rate=250.0, low=-30.0):
+    """The full-order plant with all its lash so many times as large."""
+    values = load("pickup_10r80", "modified").values
+    parameters = {"engine.air_lag": 0.0, "engine.air_delay": 0.0, "start.vehicle_speed": 15.0}
+    parameters |= {f"{name}.half_gap": scale * values[f"{name}.half_gap"] for name in ("transmission", "final_drive")}
+    return run(plant("plant_fom", parameters, gear=gear, engine_torque=low), edges[-1][1] + 1.0,
+               engine_torque=pulses(*edges, low=low, rate=rate))
+
+
+def estimate(found, gear=5, milliseconds=10, phase=0, estimator=None):
+    """The outputs over a record of the plant at 1 ms, with frames every few milliseconds."""
+    estimator = estimator or make(gear, milliseconds * 1e-3)
+    signals = np.column_stack([found[name] for name in ("crankshaft_torque", "engine_speed", "wheel_speed")])
+    estimator.values[:3] = signals[phase]
+    estimator.initialize()
+    taken = np.arange(milliseconds - 1 + phase, len(signals), milliseconds)
+    return columns(estimator, estimator.simulate(signals[taken])) | {"time": found["time"][taken]}
+
+
+def true_size(scale=1, gear=5):
+    return 2.0 * scale * make(gear)["shaft.half_gap"]
+
+
+def size_error(scale=1, gear=5, milliseconds=10, phase=0, **profile):
+    """Error [%] at the end of the last tip-in."""
+    found = estimate(record(scale, gear, **profile), gear, milliseconds, phase)
+    assert found["triggers"][-1] == len(profile.get("edges", TIP_INS)) and found["trusted"][-1] == 1.0
+    return 100.0 * (found["lash_size"][-1] / true_size(scale, gear) - 1.0)
+
+
+# ---- laws --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("period", [1e-3, 1e-2])
+def test_exact_when_the_plant_is_the_model_and_never_leaves_contact(period):
+    """No lash is crossed, so no size is found; all other states are those of the plant."""
+    estimator = make(period=period, engine_torque=-1.0, engine_speed=150.0, wheel_speed=29.81)
+    estimator.initialize()
+    estimator.simulate(np.array([[-1.0, 150.0, 29.81]] * 3))
+    estimator.simulate(np.array([[1.0, 150.0, 29.81]]))
+    assert estimator["triggered"] == 1.0
+    p, parameters = Lumped.of(estimator.parameters), estimator.parameters
+    gear, vehicle = parameters.gear, parameters.vehicle
+    model = twists(p, CONTACT)
+    joined = np.zeros((N + 2, N + 2))
+    joined[:N] = np.hstack([model.A, model.B])
+    step = expm(joined * period)[:N]
+    x = estimator._outputs[:N].copy()
+    torques = 1.0 + 100.0 * period * np.arange(round(1.0 / period))
+    for before, now in zip(torques[:-1], torques[1:], strict=True):
+        shaft = p.k_s * (x[0] - x[5]) + p.c_s * (x[1] / p.i_tr - p.i_fdr * x[3])
+        drive = (0.5 * (before + now) - gear.loss_constant - gear.loss_viscous * x[1] - gear.loss_fraction * abs(shaft))
+        speed = p.r_w * x[4]
+        load_force = vehicle.aerodynamic_factor * speed * abs(speed) + vehicle.rolling_resistance_force
+        x = step @ np.concatenate([x, [drive, load_force]])
+        estimator.simulate(np.array([[now, x[1], x[3]]]))
+        np.testing.assert_allclose(estimator._outputs[:N], x, rtol=1e-9, atol=1e-9)
+    assert estimator["triggered"] == 1.0 and abs(estimator["lash_size_unconstrained"]) < 1e-9
+
+
+def test_triggers_on_positive_torque_that_rises_fast_enough():
+    """And once a tip-in: torque has to come from below."""
+    def triggers(torques):
+        estimator = make(engine_torque=torques[0], engine_speed=150.0, wheel_speed=29.81)
+        estimator.initialize()
+        return columns(estimator, estimator.simulate(np.array([[t, 150.0, 29.81] for t in torques])))["triggers"][-1]
+
+    frames = np.arange(100) * 0.01
+    assert triggers(-10.0 + 20.0 * frames) == 1  # 20 N.m/s through zero
+    assert triggers(-2.0 + 5.9 * frames) == 0
+    assert triggers(-2.0 + 6.1 * frames) == 1
+    assert triggers(-30.0 + 29.0 * frames) == 0
+    assert triggers(10.0 + 50.0 * frames) == 0
+    assert triggers(np.concatenate([-10.0 + 50.0 * frames, np.full(20, 40.0), 40.0 + 50.0 * frames])) == 1
+    assert triggers(np.concatenate([-10.0 + 50.0 * frames, 40.0 - 50.0 * frames, -10.0 + 50.0 * frames])) == 2
+
+
+def test_a_torque_frame_that_is_missing_makes_no_slope():
+    """The rise over two periods is divided by two periods."""
+    estimator = make(engine_torque=-1.0, engine_speed=150.0, wheel_speed=29.81)
+    estimator.initialize()
+    estimator.simulate(np.array([[-0.05, 150.0, 29.81], [np.nan, 150.0, 29.81], [0.05, 150.0, 29.81]]))
+    assert estimator["triggers"] == 0.0
+    estimator.simulate(np.array([[-0.05, 150.0, 29.81], [0.05, 150.0, 29.81]]))
+    assert estimator["triggers"] == 1.0
+
+
+def test_everything_is_held_between_triggers():
+    found = estimate(record())
+    off = found["triggered"] == 0.0
+    held = off[1:] & off[:-1]
+    assert held.any() and not held.all()
+    for name in ("shaft_twist", "engine_speed_estimate", "wheel_speed_estimate", "lash_size_unconstrained", "lash_size"):
+        assert not np.diff(found[name])[held].any()
+
+
+def test_speeds_start_from_those_measured_at_each_trigger():
+    data = record()
+    found = estimate(data)
+    for i in np.nonzero(np.diff(found["triggered"]) > 0.0)[0] + 1:
+        at = np.searchsorted(data["time"], found["time"][i] - 1e-6)
+        assert found["engine_speed_estimate"][i] == data["engine_speed"][at]
+        assert found["wheel_speed_estimate"][i] == data["wheel_speed"][at]
+        assert found["lash_size_unconstrained"][i] == 0.0
+
+
+def test_constrained_size_changes_only_when_a_trigger_ends():
+    found = estimate(record())
+    changes = np.nonzero(np.diff(found["lash_size"]))[0] + 1
+    ends = np.nonzero(np.diff(found["triggered"]) < 0.0)[0] + 1
+    assert changes.size == 2
+    assert set(changes) <= set(ends)
+
+
+def test_a_tip_in_too_short_to_cross_the_lash_leaves_the_size_as_it_was():
+    """The second one turns back inside the lash."""
+    found = estimate(record(3, edges=((0.5, 2.5, 150.0), (4.5, 4.62, 60.0))))
+    assert found["triggers"][-1] == 2
+    first = found["lash_size"][np.searchsorted(found["time"], 4.0)]
+    assert found["lash_size"][-1] == first == pytest.approx(true_size(3), rel=0.02)
+    assert found["lash_size_unconstrained"][-1] < 0.8 * first
+
+
+# ---- the full-order plant ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("milliseconds", "bound"), [(10, 2.0), (5, 1.5), (1, 0.8)])
+@pytest.mark.parametrize("scale", [1, 2, 3])
+def test_size_is_found(scale, milliseconds, bound):
+    assert abs(size_error(scale, milliseconds=milliseconds)) <= bound
+    assert abs(size_error(scale, milliseconds=milliseconds, rate=500.0)) <= bound
+
+
+@pytest.mark.parametrize(("scale", "spread"), [(1, 3.0), (3, 2.0)])
+def test_size_hardly_depends_on_where_the_frames_fall(scale, spread):
+    """The plant's milliseconds 0 to 9 as the first frame; the smaller the lash, the more one frame is of it."""
+    errors = [size_error(scale, phase=phase) for phase in range(10)]
+    assert np.ptp(errors) <= spread
+    assert np.abs(errors).max() <= spread
+
+
+@pytest.mark.parametrize("milliseconds", [10, 1])
+def test_sixth_gear(milliseconds):
+    assert abs(size_error(2, 6, milliseconds)) <= 2.0
+
+
+def test_the_size_it_finds_is_what_the_state_estimator_needs():
+    """Lash worn to twice its size: without the size the traversal seems to end too early."""
+    data = record(2)
+    size = estimate(data)["lash_size"][-1]
+    signals = np.column_stack([data[name] for name in ("crankshaft_torque", "engine_speed", "wheel_speed")])
+    final, transmission = data["final_drive_contact"], data["transmission_contact"]
+    end = np.argmax((final == 1.0) & (transmission == 1.0))
+    start = np.argmax((final != -1.0) | (transmission != -1.0))
+    true = data["time"][end] - data["time"][start]
+    errors = []
+    for lash_size in (0.0, size):
+        estimator = Dskse(Dskse.defaults_from(load("pickup_10r80", "modified")))
+        estimator.values[:4] = *signals[0], lash_size
+        estimator.initialize()
+        frames = np.column_stack([signals, np.full(len(signals), lash_size)])[9:2400:10]
+        found = columns(estimator, estimator.simulate(frames))
+        errors.append(found["traversal_time"][np.argmax(found["contact"] == 1.0)] / true - 1.0)
+    assert errors[0] < -0.15
+    assert abs(errors[1]) < 0.1
