@@ -100,8 +100,21 @@ def _parser() -> argparse.ArgumentParser:
     diagnose = command("diagnose", _diagnose, "what a measurement says is wrong", "out/diagnosis")
     diagnose.add_argument("measurement", type=Path, metavar="MEASUREMENT")
     hide = command("hide", _hide, "a measurement with effects hidden in it", "out/hidden")
-    hide.add_argument("effects", nargs="+", metavar="EFFECT[=SIZE]")
-    hide.add_argument("--seed", type=int, required=True, metavar="N")
+    hide.add_argument("effects", nargs="*", metavar="EFFECT[=SIZE]",
+                      help="a name that `driveline list effects` gives, outside:NAME for one that no catalogue knows, "
+                           "thesis_cocktail for all of thesis table 2.3; the size is a factor, an SI number or a "
+                           "value with its unit, drawn where it is missing; no effect: nothing is hidden")
+    hide.add_argument("--seed", type=int, required=True, metavar="N", help="of all that is drawn")
+    hide.add_argument("--vehicle", default="pickup_10r80",
+                      help="the nominal vehicle, by name or file (default: %(default)s)")
+    hide.add_argument("--variant", help="of the vehicle (default: modified for the shipped pickup)")
+    hide.add_argument("--structure", choices=("same", "other"),
+                      help="of the hidden plant (default: other for a third of all seeds)")
+    hide.add_argument("--drift", choices=("nuisance", "all", "none"), default="nuisance",
+                      help="which other parameters are off by 3 to 5 percent (default: those no effect names)")
+    hide.add_argument("--manoeuvres", metavar="KIND:GEAR,...", help="the recordings (default: six usual ones)")
+    hide.add_argument("--truth", type=Path, metavar="FILE",
+                      help="where what is hidden is written, outside DIR (default: DIR.truth.json)")
     command("demo", _demo, "the main job in about a minute, on what the package ships", "out/demo")
     return parser
 
@@ -122,7 +135,7 @@ def _build_fmus(out: Path) -> Iterable[Path]:
 
 
 def _list(options: argparse.Namespace) -> tuple[Any, str]:
-    wanted = [options.what] if options.what else [what for what in LISTS if what != "effects"]
+    wanted = [options.what] if options.what else list(LISTS)
     found = {what: globals()[f"_list_{what}"]() for what in wanted}
     lines = []
     for what, entries in found.items():
@@ -159,7 +172,9 @@ def _list_vehicles() -> dict[str, str]:
 
 
 def _list_effects() -> dict[str, str]:
-    raise NotYet("effects are not implemented yet: there is no diagnosis to name them")
+    from cosim.diagnosis.catalogue import CATALOGUE
+
+    return {name: effect.summary for name, effect in CATALOGUE.items()}
 
 
 def _run(options: argparse.Namespace) -> tuple[Any, str]:
@@ -250,7 +265,21 @@ def _diagnose(options: argparse.Namespace) -> tuple[Any, str]:
 
 
 def _hide(options: argparse.Namespace) -> tuple[Any, str]:
-    raise NotYet("hide is not implemented yet")
+    from cosim.diagnosis.hidden import hide
+
+    out = options.out or Path("out/hidden")
+    truth = options.truth or out.with_name(out.name + ".truth.json")
+    manoeuvres = options.manoeuvres.split(",") if options.manoeuvres else None
+    began = time.perf_counter()
+    try:
+        with _progress("hide", 0.0, 1.0) as progress:
+            hide(options.effects, options.seed, out, vehicle=options.vehicle, variant=options.variant,
+                 structure=options.structure, drift=options.drift, manoeuvres=manoeuvres, truth=truth,
+                 progress=progress)
+    except OSError as error:
+        raise InputError(f"--out {out}: {error}: a folder that can be written to is needed") from error
+    answer = {"measurement": str(out), "truth": str(truth), "run_seconds": time.perf_counter() - began}
+    return answer, f"{out}\n{truth}"
 
 
 def _demo(options: argparse.Namespace) -> tuple[Any, str]:

@@ -20,6 +20,9 @@ from typing import Any
 import numpy as np
 
 from cosim import studies
+from cosim.diagnosis.catalogue import CATALOGUE
+from cosim.diagnosis.effect import EffectParameter
+from cosim.diagnosis.hidden import OUTSIDE, PREFIX
 from cosim.files import write_text
 from cosim.report.study_figures import Curve, Panel, draw
 from cosim.studies.manoeuvre import TipIn, drive
@@ -165,6 +168,44 @@ def page(names: Sequence[str]) -> str:
     return "\n".join(lines).rstrip() + "\n"
 
 
+# -- effects -------------------------------------------------------------------------------------------
+
+
+def size_range(parameter: EffectParameter) -> str:
+    """What sizes are plausible."""
+    low, high = map(number, parameter.limits)
+    if parameter.scale == "log":
+        return f"times {low} to {high}"
+    return f"{low} to {high}" + ("" if parameter.unit == "1" else f" {parameter.unit}")
+
+
+def effect_page() -> str:
+    """The catalogue of effects."""
+    lines = ["# Effects a diagnosis can name", "",
+             "Written by `python -m docs.generate` from `cosim/diagnosis/effects`, where each has a file.", "",
+             "An effect is physics that the vehicle file or the plant may not have right, with the one to three "
+             "numbers that would put it right. The size of a number is a factor on what the vehicle file says "
+             "(1: as the file says), or is added to it in SI (0: as the file says); outside the plausible range "
+             "it is not a cause. `driveline hide EFFECT=SIZE` hides one; besides a bare size it takes `+15 %`, "
+             "`30 ms`, `+334 kg`, or `PARAMETER:SIZE,PARAMETER:SIZE`.", ""]
+    rows = []
+    for name, effect in CATALOGUE.items():
+        for i, p in enumerate(effect.parameters):
+            targets = ", ".join(f"`{target}`" for target in p.targets)
+            rows.append((f"[`{name}`](#{name})" if i == 0 else "", effect.acts_on if i == 0 else "", f"`{p.name}`",
+                         p.meaning, size_range(p), targets))
+    lines += table(("effect", "acts on", "parameter", "meaning", "plausible", "values it changes"), rows)
+    for name, effect in CATALOGUE.items():
+        lines += [f"## {name}", "", f"{effect.summary}. {effect.physics}", ""]
+    lines += ["## Effects outside the catalogue", "",
+              f"For `driveline hide {PREFIX}NAME`: physics that no diagnosis can name, to see whether it admits "
+              "that, and finds the balance and what the missing torque goes with.", ""]
+    lines += table(("effect", "what it is", "balance", "goes with", "unit of its size"),
+                   ((f"`{PREFIX}{name}`", about.meaning, about.balance, about.driving_variable, about.unit)
+                    for name, about in OUTSIDE.items()))
+    return "\n".join(lines).rstrip() + "\n"
+
+
 # -- results -------------------------------------------------------------------------------------------
 
 
@@ -253,6 +294,7 @@ def draw_tip_in(path: Path) -> None:
 def pages() -> dict[Path, str]:
     """Every file that is written here, with what belongs into it."""
     written = {FOLDER / file: page(names) for file, names in PLANT_PAGES.items()}
+    written[FOLDER / "effects.md"] = effect_page()
     written[FOLDER / "results.md"] = result_page()
     written[README] = with_main_table(README.read_text(encoding="utf-8"))
     return written

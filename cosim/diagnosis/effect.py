@@ -119,6 +119,7 @@ class Effect:
         parameters: One to three.
         nuisances: Values that come with it but say nothing, and differ from recording to recording (the
             phase of a ripple); to be fitted beside it.
+        joint: Whether its parameters mean nothing alone.
         change: What the sizes make of the values, where it is more than factors and sums:
             ``(sizes with none missing, values) -> changed values``.
         name, summary, physics: From the file: its name, the first line of its docstring, the rest.
@@ -127,6 +128,7 @@ class Effect:
     acts_on: str
     parameters: tuple[EffectParameter, ...]
     nuisances: tuple[str, ...] = ()
+    joint: bool = False
     change: Callable[[Values, Values], dict[str, float]] | None = None
     name: str = ""
     summary: str = ""

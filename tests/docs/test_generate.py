@@ -24,6 +24,13 @@ def test_every_variable_of_a_plant_is_on_its_page(pages):
         assert variable.meaning in page
 
 
+def test_every_effect_is_on_the_page_with_all_its_parameters(pages):
+    page = pages[generate.FOLDER / "effects.md"]
+    for name, effect in generate.CATALOGUE.items():
+        assert f"## {name}\n" in page
+        assert all(f"`{parameter.name}`" in page for parameter in effect.parameters)
+
+
 def test_every_study_has_its_results_on_the_page(pages):
     page = pages[generate.FOLDER / "results.md"]
     for name in generate.studies.STUDIES:

@@ -11,6 +11,7 @@ from cosim.diagnosis.effect import Effect, factor, shift
 
 EFFECT = Effect(
     acts_on="axle",
+    joint=True,
     parameters=(
         factor("first_stage_stiffness", "axle_first_stage.stiffness_ratio", unit="1",
                meaning="stiffness of the first stage over the second",

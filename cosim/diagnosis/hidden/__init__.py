@@ -1,0 +1,339 @@
+"""Measurements with effects hidden in them, to try a diagnosis on: the folder tells nothing, the truth is apart.
+
+The plant is one of its own (``model``), so are its sensors (``recordings``); with the model that a diagnosis
+inverts it shares the vehicle file and the meaning of the parameters, no more. Beyond the hidden effects
+
+- every parameter that no effect of the catalogue has as its target drifts by 3 to 5 percent either way; one
+  that has would be an effect itself. ``drift="all"`` moves those of the plant too, save the tyres' radius and
+  the engine's torque gain, which one look at a log would show;
+- the road slopes by some tenths of a per mille and the torque estimate is off by half a newton metre, anew in
+  every recording, and the true torque wanders about it;
+- phases of ripple and eccentricity are drawn anew in every recording;
+- in a third of all seeds the plant has another structure.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cosim import units
+from cosim.diagnosis.catalogue import CATALOGUE, apply, effect
+from cosim.diagnosis.effect import Effect, EffectParameter
+from cosim.diagnosis.hidden.model import PRE_ROLL, simulate
+from cosim.diagnosis.hidden.outside import OUTSIDE, PREFIX
+from cosim.diagnosis.hidden.recordings import KINDS, USUAL, Drive, driven, logged, write
+from cosim.files import write_text
+from cosim.messages import did_you_mean
+from driveline import vehicles
+from driveline.quantities import InputError
+
+STRUCTURES = ("same", "other")
+DRIFTS = ("nuisance", "all", "none")
+COCKTAIL = "thesis_cocktail"
+VEHICLE, VALIDATED = "pickup_10r80", "modified"
+DRIFT = (0.03, 0.05)  # smallest and largest relative drift
+GRADE, TORQUE, WANDER = 5e-4, 0.5, 1.0  # standard deviations a recording: rad, N.m, N.m about the estimate
+LARGEST_STRENGTH = 5.0  # of a drawn size, in detection limits; the smallest is one
+
+# What is known for sure, or is no physics of the plant: it does not drift.
+_FIXED = re.compile(r"ratio|_sensor\.|^torque_meter\.|^start\.|^solver\.|noise|enabled|^converter\.(capacity|speed)"
+                    r"|^vehicle\.(frontal_area|air_density)$|^engine\.(maximum_torque|idle|torque)|^observe\.|^input\.")
+_LOOKED_UP = ("tyre.radius",)  # of the catalogue's targets, what even ``drift="all"`` leaves alone
+_SIZE = re.compile(r"^\s*(\+?)\s*([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*(.*?)\s*$")
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """What was hidden.
+
+    Attributes:
+        vehicle, variant: The nominal vehicle the measurement names.
+        seed: Of all that is drawn.
+        effects: ``{effect: {parameter: size}}``.
+        outside: ``{name: size}`` of effects outside the catalogue.
+        changed: What the effects changed: name to (nominal, true).
+        drift: Relative drift of the others.
+        structure: ``same`` or ``other``.
+        recordings: What each recording had of its own.
+    """
+
+    vehicle: str
+    variant: str | None
+    seed: int
+    effects: dict[str, dict[str, float]]
+    outside: dict[str, float]
+    changed: dict[str, tuple[float, float]]
+    drift: dict[str, float]
+    structure: str
+    recordings: list[dict[str, Any]] = field(default_factory=list)
+
+    def as_json(self) -> dict[str, Any]:
+        """For the file of the truth."""
+        return {
+            "vehicle": self.vehicle, "variant": self.variant, "seed": self.seed, "effects": self.effects,
+            "outside": {name: {"size": size, "unit": OUTSIDE[name].unit, "balance": OUTSIDE[name].balance,
+                               "driving_variable": OUTSIDE[name].driving_variable}
+                        for name, size in self.outside.items()},
+            "changed": {name: {"nominal": a, "true": b} for name, (a, b) in self.changed.items()},
+            "structure": self.structure, "drift": self.drift, "recordings": self.recordings}
+
+
+def hide(effects: Sequence[str], seed: int, out: Path, *, vehicle: str = VEHICLE,
+         variant: str | None = None, structure: str | None = None, drift: str = "nuisance",
+         manoeuvres: Sequence[str] | None = None, truth: Path | None = None,
+         progress: Callable[[float], None] | None = None) -> Hidden:
+    """Write a measurement folder with effects hidden in it.
+
+    Args:
+        effects: ``EFFECT``, ``EFFECT=SIZE`` or ``EFFECT=PARAMETER:SIZE,...``, of the catalogue or, as
+            ``outside:NAME``, of those it does not know; ``thesis_cocktail`` is all of thesis table 2.3 on the
+            baseline vehicle. None: nothing is hidden. See ``sizes_of`` for what a size may be.
+        seed: Of everything that is drawn; the same seed gives the same files.
+        vehicle, variant: The nominal vehicle; a file given by its path is copied into the folder. Without a
+            variant the shipped vehicle is the one the thesis validated.
+        out: The folder; made if need be, and only written when all is simulated.
+        structure: ``same`` or ``other``; None: other for every third seed.
+        drift: ``nuisance``, ``all`` or ``none``, see the module.
+        manoeuvres: ``KIND`` or ``KIND:GEAR``; None: six usual ones.
+        truth: Where the truth goes as JSON, outside ``out``; None: nowhere.
+
+    Raises:
+        InputError: No such effect, parameter, vehicle or manoeuvre, a size that is not plausible, or a truth
+            that would lie in the measurement.
+    """
+    if truth is not None and out.resolve() in (truth.resolve(), *truth.resolve().parents):
+        raise InputError(f"the truth {truth} would lie inside the measurement {out}: put it elsewhere")
+    for what, value, known in (("structure", structure, STRUCTURES), ("drift", drift, DRIFTS)):
+        if value is not None and value not in known:
+            raise InputError(f"{what} is {value!r}{did_you_mean(str(value), known)}")
+    random = np.random.default_rng([seed, 4])
+    structure = structure or ("other" if np.random.default_rng([seed, 7]).uniform() < 1 / 3 else "same")
+    wanted = list(effects)
+    if COCKTAIL in wanted:
+        variant = None
+    elif variant is None and vehicle == VEHICLE:
+        variant = VALIDATED
+    nominal = dict(vehicles.load(vehicle, variant).values)
+    values, sizes, outside = dict(nominal), {}, {}
+    for entry in wanted:
+        name, _, text = entry.partition("=")
+        if name == COCKTAIL:
+            values, more = cocktail(vehicle, values)
+            sizes |= more
+        elif name.startswith(PREFIX):
+            name = name.removeprefix(PREFIX)
+            outside[name] = _outside_size(name, text, random)
+        else:
+            _require(name)
+            found = effect(name)
+            sizes[name] = sizes_of(found, text, nominal, random)
+            values = apply(found, sizes[name], values)
+    changed = {name: (nominal.get(name, 1.0 if name.endswith(("gain", "_ratio")) else 0.0), value)
+               for name, value in values.items() if value != nominal.get(name)}
+    drifted = _drift(nominal, changed, drift, np.random.default_rng([seed, 5]))
+    values |= {name: values[name] * (1.0 + share) for name, share in drifted.items()}
+    values |= {f"outside.{name}": size for name, size in outside.items()}
+    if "engine_mount_coupling" in outside:  # so many times as far, at the same frequency
+        values |= {f"engine_mount.{key}": values[f"engine_mount.{key}"] / outside["engine_mount_coupling"]
+                   for key in ("inertia", "stiffness", "damping")}
+        values["outside.engine_mount_coupling"] = 1.0
+
+    drives = _drives(manoeuvres, nominal, np.random.default_rng([seed, 6]))
+    hidden = Hidden(vehicle, variant, seed, sizes, outside, changed, drifted, structure)
+    channels = []
+    for number, drive in enumerate(drives):
+        own = _recording(drive, values, np.random.default_rng([seed, 8, number]))
+        channels.append(_recorded(drive, {**values, **own.pop("values")}, own, structure,
+                                  np.random.default_rng([seed, 9, number])))
+        hidden.recordings.append({"kind": drive.kind, "gear": drive.gear, **own})
+        if progress is not None:
+            progress((number + 1) / len(drives))
+    write(out, vehicle, variant, drives, channels)
+    if truth is not None:
+        write_text(truth, json.dumps(hidden.as_json(), indent=2) + "\n")
+    return hidden
+
+
+def _require(name: str) -> None:
+    """Say what else there is where a name is none of the catalogue."""
+    if name not in CATALOGUE:
+        known = [*CATALOGUE, COCKTAIL, *(PREFIX + outside for outside in OUTSIDE)]
+        raise InputError(f"there is no effect '{name}'{did_you_mean(name, known)}")
+
+
+# -- sizes ----------------------------------------------------------------------------------------
+
+def sizes_of(effect: Effect, text: str, nominal: Mapping[str, float],
+             random: np.random.Generator) -> dict[str, float]:
+    """The sizes a user wrote, or drawn ones.
+
+    A bare number is the size as the catalogue counts it: a factor, or what is added in SI. ``+15 %`` is a
+    factor of 1.15; a number with a unit is the value the parameter shall have, ``+334 kg`` what it shall have
+    more, and for what has no value of its own (``30 ms`` of delay) simply the size. One number for an effect
+    of several parameters is for all of its first kind (factors or sums); of the others, those that mean
+    nothing alone get a usual one.
+
+    Raises:
+        InputError: Not a size, or not a plausible one.
+    """
+    if not text:
+        return drawn(effect, random)
+    if ":" in text:
+        named = dict(part.partition(":")[::2] for part in text.split(","))
+        effect.complete({name.strip(): 0.0 for name in named})
+        sizes = {p.name: _size(p, named[p.name], nominal) for p in effect.parameters if p.name in named}
+    else:
+        kind = effect.parameters[0].scale
+        sizes = {p.name: _size(p, text, nominal) if p.scale == kind else (p.probes or (p.neutral,))[0]
+                 for p in effect.parameters}
+    for parameter in effect.parameters:
+        if parameter.name in sizes:
+            parameter.check(sizes[parameter.name])
+    return sizes
+
+
+def _size(parameter: EffectParameter, text: str, nominal: Mapping[str, float]) -> float:
+    match = _SIZE.match(text)
+    if match is None:
+        raise InputError(f"{parameter.name}={text}: a number is needed, such as "
+                         f"{parameter.size(2.0 * parameter.detection):.3g}, if need be with a unit")
+    plus, number, unit = match[1] or match[2].startswith("+"), float(match[2]), match[3]
+    if not unit:
+        return number
+    if unit == "%" and parameter.scale == "log":
+        return 1.0 + number / 100.0 if plus or number < 0.0 else number / 100.0
+    value = units.in_unit(f"{number} {unit}", parameter.unit, parameter.name)
+    if parameter.scale == "linear":
+        return value
+    now, _, _ = parameter.physical(1.0, nominal)
+    if len(parameter.targets) > 1:
+        raise InputError(f"{parameter.name}={text}: it changes {', '.join(parameter.targets)} together, so a "
+                         "factor is needed")
+    return (now + value) / now if plus else value / now
+
+
+def drawn(effect: Effect, random: np.random.Generator) -> dict[str, float]:
+    """Sizes from the detection limit up to five times that, within what is plausible."""
+    if effect.joint:
+        chosen = list(effect.parameters)
+    else:
+        chosen = [effect.parameters[random.integers(len(effect.parameters))]]
+    sizes = {}
+    for parameter in chosen:
+        ends = [parameter.coordinate(limit) for limit in parameter.limits]
+        sides = [end for end in ends if 0.7 * abs(end) >= parameter.detection]
+        end = sides[random.integers(len(sides))]
+        strength = parameter.detection * np.exp(random.uniform(0.0, np.log(LARGEST_STRENGTH)))
+        sizes[parameter.name] = float(parameter.size(np.sign(end) * min(strength, 0.7 * abs(end))))
+    return sizes
+
+
+def _outside_size(name: str, text: str, random: np.random.Generator) -> float:
+    if name not in OUTSIDE:
+        raise InputError(f"there is no effect '{PREFIX}{name}'{did_you_mean(name, OUTSIDE)}")
+    about = OUTSIDE[name]
+    if not text:
+        return float(random.uniform(*about.sizes))
+    size = units.in_unit(text, about.unit, PREFIX + name)
+    if not 0.0 <= size <= about.limit:
+        raise InputError(f"{PREFIX}{name}={text}: from 0 to {about.limit:g} {about.unit} is possible")
+    return size
+
+
+def cocktail(vehicle: str, values: dict[str, float]) -> tuple[dict[str, float], dict[str, dict[str, float]]]:
+    """All of thesis table 2.3 at once: the vehicle's variant ``modified`` as the truth on its baseline.
+
+    Returns:
+        The true values, and the sizes of the catalogue's effects in them. The inertias of converter and
+        transmission, which the table changes with the engine's, stand in the values alone.
+    """
+    true = vehicles.load(vehicle, "modified").values
+    changed = {name: value for name, value in true.items() if not name.startswith("torque_meter.")}
+    filtered = 1.0 / true["torque_meter.stopband_frequency"]
+    rigid = -1.0 / values["suspension.stiffness"] if values["suspension.enabled"] else 0.0
+
+    def factor(name: str) -> float:
+        return true[name] / values[name]
+
+    sizes = {
+        "vehicle_mass": {"vehicle_mass": factor("vehicle.mass")},
+        "rolling_resistance": {"rolling_resistance": factor("tyre.rolling_resistance")},
+        "engine_inertia": {"engine_inertia": factor("engine.inertia")},
+        "shaft_stiffness": {"propeller_shaft_stiffness": factor("propeller_shaft.stiffness"),
+                            "axle_shaft_stiffness": factor("axle_shaft.stiffness")},
+        "suspension_mode": {"suspension_compliance": rigid},
+        "torque_meter_filter": {"torque_meter_filter_period": filtered},
+    }
+    return {**values, **changed, "observe.propeller_shaft_torque.filter_period": filtered}, sizes
+
+
+# -- nuisances ------------------------------------------------------------------------------------
+
+def _targets() -> set[str]:
+    return {target.removesuffix("[*]") for e in CATALOGUE.values() for p in e.parameters for target in p.targets}
+
+
+def _drift(values: Mapping[str, float], changed: Mapping[str, Any], drift: str,
+           random: np.random.Generator) -> dict[str, float]:
+    """Relative drift of every parameter that may; the same draw for a table's entries."""
+    targets, shares, found = _targets(), {}, {}
+    for name in sorted(values):
+        table = name.partition("[")[0]
+        if table not in shares:  # drawn for all, so that what is hidden leaves the drift of the others alone
+            shares[table] = float(random.uniform(*DRIFT) * random.choice([-1.0, 1.0]))
+        named = table in targets
+        if drift == "none" or name in changed or _FIXED.search(name) or values[name] == 0.0:
+            continue
+        if named and (drift != "all" or table in _LOOKED_UP):
+            continue
+        found[name] = shares[table]
+    return found
+
+
+def _drives(manoeuvres: Sequence[str] | None, nominal: Mapping[str, float],
+            random: np.random.Generator) -> list[Drive]:
+    top = max(gear for gear in range(1, 11) if nominal.get(f"transmission.ratio[{gear + 2}]"))
+    drives = []
+    for entry in manoeuvres or [f"{kind}:{min(gear, top)}" for kind, gear in USUAL]:
+        kind, _, gear = entry.partition(":")
+        if kind not in KINDS:
+            raise InputError(f"manoeuvre {entry}{did_you_mean(kind, KINDS, 20)}")
+        if gear and not gear.isdigit():
+            raise InputError(f"manoeuvre {entry}: KIND:GEAR is needed, such as tip_in:5")
+        if not 1 <= int(gear or 5) <= top:
+            raise InputError(f"manoeuvre {entry}: the vehicle has gears 1 to {top}")
+        drives.append(driven(kind, int(gear or 5), random))
+    return drives
+
+
+def _recording(drive: Drive, values: Mapping[str, float], random: np.random.Generator) -> dict[str, Any]:
+    """What one recording has of its own."""
+    phases = {name: float(random.uniform(0.0, 2.0 * np.pi)) for name in sorted(
+        {name for e in CATALOGUE.values() for name in e.nuisances})}
+    return {"grade": float(random.normal(0.0, GRADE)), "torque_bias": float(random.normal(0.0, TORQUE)),
+            "values": phases}
+
+
+def _recorded(drive: Drive, values: dict[str, float], own: dict[str, Any], structure: str,
+              random: np.random.Generator) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Simulate one recording, and what the loggers write of it."""
+    ratio = values[f"transmission.ratio[{drive.gear + 2}]"] * values["final_drive.ratio"]
+    # the true torque wanders about the estimate
+    steps = np.arange(-PRE_ROLL - 1.0, drive.duration + 1.0, 0.02)
+    wander = np.zeros(steps.size)
+    kick = random.normal(0.0, WANDER * np.sqrt(1.0 - np.exp(-0.4)), steps.size)
+    for i in range(1, steps.size):
+        wander[i] = np.exp(-0.2) * wander[i - 1] + kick[i]
+    times = np.union1d(steps, drive.times)
+    torque = (np.interp(times, drive.times, drive.torque) + np.interp(times, steps, wander) + own["torque_bias"])
+    speed = drive.engine_speed / ratio * values["tyre.radius"]
+    recorded = simulate(values, drive.gear, speed, times, torque, drive.duration, own["grade"],
+                        structure == "other")
+    return logged(drive, recorded, values, random)

@@ -1,0 +1,248 @@
+"""Hidden measurements: readable, reproducible, honest about nothing, and not made by the model they are to test."""
+
+import ast
+import json
+import pathlib
+
+import numpy as np
+import pytest
+from runs import plant, run, start_values
+
+from cosim import cli
+from cosim.diagnosis import hidden as package
+from cosim.diagnosis.catalogue import CATALOGUE, effect
+from cosim.diagnosis.hidden import COCKTAIL, drawn, hide, sizes_of
+from cosim.diagnosis.hidden.model import simulate
+from cosim.diagnosis.hidden.outside import OUTSIDE
+from cosim.measured import load
+from driveline.quantities import InputError
+from driveline.vehicles import load as load_vehicle
+
+SHORT = ("tip_in:5",)
+TIMES, TORQUE = np.array([-10.0, 0.8, 0.9, 10.0]), np.array([-20.0, -20.0, 200.0, 200.0])
+
+
+def nominal():
+    return dict(start_values("plant_fom", "pickup_10r80", "modified", 5))
+
+
+def contents(folder):
+    return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
+
+
+@pytest.fixture(scope="module")
+def nothing(tmp_path_factory):
+    """A measurement of the nominal plant, drift and all."""
+    folder = tmp_path_factory.mktemp("nothing")
+    return folder, hide([], 3, folder / "m", structure="same", manoeuvres=("tip_in:5", "coast_down:7"),
+                        truth=folder / "truth.json")
+
+
+def test_the_hidden_plant_shares_no_code_with_the_plants_a_diagnosis_runs():
+    for path in pathlib.Path(package.__path__[0]).glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith(("driveline", "cosim")):
+                assert node.module in (
+                    "driveline", "driveline.quantities", "cosim", "cosim.files", "cosim.messages", "cosim.measured",
+                    "cosim.diagnosis.catalogue", "cosim.diagnosis.effect", "cosim.diagnosis.hidden.model",
+                    "cosim.diagnosis.hidden.outside", "cosim.diagnosis.hidden.recordings"), (path.name, node.module)
+
+
+def test_two_ways_to_write_the_same_driveline_down_agree():
+    """Same structure, nothing drifts: the hidden plant and the full-order one differ by their contacts only."""
+    record = simulate(nominal(), 5, 12.0, TIMES, TORQUE, 3.0)
+    start = float(np.interp(0.0, record.time, record.signals["vehicle_speed"]))
+    model = plant("plant_fom", {"start.vehicle_speed": start}, engine_torque=-20.0)
+    other = run(model, 3.0, engine_torque=lambda t: np.interp(t + 5e-4, TIMES, TORQUE))
+    for name, share in (("engine_speed", 5e-3), ("wheel_speed", 2e-3), ("vehicle_speed", 5e-4),
+                        ("propeller_shaft_torque", 1e-2), ("seat_acceleration", 1e-2)):
+        mine = np.interp(other["time"], record.time, record.signals[name])
+        assert np.abs(mine - other[name]).max() < share * np.ptp(mine), name
+
+
+def test_another_structure_is_another_but_not_another_vehicle():
+    same, other = (simulate(nominal(), 5, 12.0, TIMES, TORQUE, 3.0, other=o) for o in (False, True))
+    for name, low, high in (("propeller_shaft_torque", 0.003, 0.15), ("engine_speed", 0.002, 0.1)):
+        apart = np.abs(same.signals[name] - other.signals[name])[same.time > 0.0].max()
+        assert low < apart / np.ptp(same.signals[name]) < high
+
+
+def test_energy_of_the_hidden_plant_is_what_the_engine_gives_and_the_road_takes():
+    """Steady state without slip of anything: power at the propeller shaft less losses moves the mass."""
+    v = nominal() | {"tyre.rolling_resistance": 0.0, "vehicle.drag_coefficient": 0.0, "final_drive.loss_constant": 0.0,
+                     "final_drive.loss_fraction": 0.0, "tyre.slip_stiffness": 1e8}
+    record = simulate(v, 5, 12.0, np.array([-10.0, 10.0]), np.array([100.0, 100.0]), 4.0)
+    late = record.time > 3.0
+    slope = np.polyfit(record.time[late], record.signals["vehicle_speed"][late], 1)[0]
+    turning = (4.0 * (v["hub.inertia"] + v["tyre.belt_inertia"]) + v["final_drive.ring_inertia"]
+               + 2.0 * v["axle_shaft.inertia"] + v["final_drive.ratio"]**2 * (
+                   0.75 * v["propeller_shaft.inertia"] + v["final_drive.pinion_inertia"])) / v["tyre.radius"]**2
+    force = record.signals["propeller_shaft_torque"][late].mean() * v["final_drive.ratio"] / v["tyre.radius"]
+    assert force == pytest.approx((v["vehicle.mass"] + turning) * slope, rel=2e-3)
+
+
+def test_a_measurement_can_be_read_and_tells_nothing(nothing):
+    folder, truth = nothing
+    measurement = load(folder / "m")
+    assert [m.kind for m in measurement.manoeuvres] == ["tip_in", "coast_down"]
+    assert measurement.vehicle == "pickup_10r80" and measurement.variant == "modified"
+    for manoeuvre in measurement.manoeuvres:
+        assert not manoeuvre.notices
+        assert {"engine_torque", "engine_speed", "wheel_speed", "propeller_shaft_torque"} <= set(manoeuvre.channels)
+        rates = {round(1.0 / np.median(np.diff(c.time))) for c in manoeuvre.channels.values()}
+        assert len(rates) > 3
+        assert any(c.gaps(3.0) for c in manoeuvre.channels.values())
+    assert sorted(p.name for p in folder.iterdir()) == ["m", "truth.json"]
+    text = b"".join(contents(folder / "m").values()).decode()
+    for word in (*CATALOGUE, *OUTSIDE, "seed", "truth", "drift", "structure", "hid"):
+        assert word not in text
+    assert truth.effects == {} and truth.changed == {}
+
+
+def test_the_size_of_the_files_does_not_tell_the_effect(nothing, tmp_path):
+    folder, _ = nothing
+    hide(["torque_ripple=40"], 3, tmp_path / "m", structure="same", manoeuvres=("tip_in:5", "coast_down:7"))
+    mine, other = contents(tmp_path / "m"), contents(folder / "m")
+    assert mine.keys() == other.keys()
+    assert mine["measurement.toml"] == other["measurement.toml"]
+
+
+def test_every_nuisance_drifts_by_three_to_five_percent_and_no_cause_does(nothing):
+    _, truth = nothing
+    assert len(truth.drift) > 30
+    sizes = np.abs(list(truth.drift.values()))
+    assert sizes.min() >= 0.03 and sizes.max() <= 0.05
+    targets = {t.removesuffix("[*]") for e in CATALOGUE.values() for p in e.parameters for t in p.targets}
+    assert not targets & {name.partition("[")[0] for name in truth.drift}
+    written = json.loads((nothing[0] / "truth.json").read_text())
+    assert written["drift"] == truth.drift and written["effects"] == {} and written["structure"] == "same"
+
+
+def test_the_same_seed_gives_the_same_files_and_another_other_ones(tmp_path):
+    for name, seed in (("a", 5), ("b", 5), ("c", 6)):
+        hide(["wheel_speed_delay"], seed, tmp_path / name, manoeuvres=SHORT)
+    assert contents(tmp_path / "a") == contents(tmp_path / "b")
+    assert contents(tmp_path / "a") != contents(tmp_path / "c")
+
+
+def test_about_a_third_of_all_seeds_has_the_other_structure():
+    others = [np.random.default_rng([seed, 7]).uniform() < 1 / 3 for seed in range(600)]
+    assert 0.27 < np.mean(others) < 0.40
+
+
+@pytest.mark.parametrize(("entry", "channel", "what"), [
+    ("torque_meter_offset=12", "propeller_shaft_torque",
+     lambda a, b: np.mean(a - b) == pytest.approx(12.0, abs=0.5)),
+    ("torque_meter_gain=1.2", "propeller_shaft_torque",
+     lambda a, b: np.ptp(a) == pytest.approx(1.2 * np.ptp(b), rel=0.02)),
+    ("engine_speed_delay=30 ms", "engine_speed", lambda a, b: np.mean(b - a) > 0.1),
+])
+def test_an_error_of_a_sensor_shows_in_its_channel_and_in_no_other(entry, channel, what, nothing, tmp_path):
+    folder, _ = nothing
+    hide([entry], 3, tmp_path / "m", structure="same", manoeuvres=("tip_in:5", "coast_down:7"))
+    mine, other = (load(f).manoeuvres[0] for f in (tmp_path / "m", folder / "m"))
+    for name in mine.channels:
+        if name != channel:
+            assert (mine[name].values == other[name].values).all(), name
+    assert what(mine[channel].values, other[channel].values)
+
+
+@pytest.mark.parametrize("name", OUTSIDE)
+def test_an_effect_outside_the_catalogue_shows(name, tmp_path):
+    hide([f"outside:{name}"], 4, tmp_path / "m", structure="same", manoeuvres=("tip_in:4",), drift="none",
+         truth=tmp_path / "t.json")
+    hide([], 4, tmp_path / "n", structure="same", manoeuvres=("tip_in:4",), drift="none")
+    mine, other = (load(tmp_path / f).manoeuvres[0] for f in "mn")
+    worst = max(np.sqrt(np.mean((mine[c].values - other[c].values) ** 2)) / noise for c, noise in (
+        ("engine_speed", 0.6 * np.pi / 30), ("propeller_shaft_torque", 1.5), ("seat_acceleration", 0.02),
+        ("wheel_speed", 0.12 * np.pi / 30)))
+    assert worst > 1.0  # in every sample, and there are hundreds
+    told = json.loads((tmp_path / "t.json").read_text())["outside"][name]
+    assert told["balance"] and told["driving_variable"] and told["size"] > 0.0
+
+
+def test_the_cocktail_of_table_2_3_is_the_modified_variant_on_the_baseline(tmp_path):
+    truth = hide([COCKTAIL], 2, tmp_path / "m", manoeuvres=SHORT)
+    base, true = load_vehicle("pickup_10r80").values, load_vehicle("pickup_10r80", "modified").values
+    assert load(tmp_path / "m").variant is None
+    for name, (_, value) in truth.changed.items():
+        if not name.startswith("observe."):
+            assert value == true[name]
+    assert {n for n in true if true[n] != base[n] and not n.startswith("torque_meter.")} < set(truth.changed)
+    assert truth.effects["vehicle_mass"]["vehicle_mass"] == pytest.approx((2200 + 334) / 2200)
+    assert truth.effects["shaft_stiffness"] == {"propeller_shaft_stiffness": 0.75, "axle_shaft_stiffness": 0.75}
+    assert truth.effects["torque_meter_filter"]["torque_meter_filter_period"] == pytest.approx(1 / 30)
+
+
+@pytest.mark.parametrize(("name", "text", "expected"), [
+    ("vehicle_mass", "1.1", {"vehicle_mass": 1.1}),
+    ("vehicle_mass", "+15 %", {"vehicle_mass": 1.15}),
+    ("vehicle_mass", "-15%", {"vehicle_mass": 0.85}),
+    ("vehicle_mass", "+253.4 kg", {"vehicle_mass": 1.1}),
+    ("vehicle_mass", "2787.4 kg", {"vehicle_mass": 1.1}),
+    ("wheel_speed_delay", "30 ms", {"wheel_speed_delay": 0.03}),
+    ("torque_meter_offset", "-12", {"torque_meter_offset": -12.0}),
+    ("shaft_stiffness", "0.75", {"propeller_shaft_stiffness": 0.75, "axle_shaft_stiffness": 0.75}),
+    ("shaft_stiffness", "axle_shaft_stiffness:0.8", {"axle_shaft_stiffness": 0.8}),
+    ("two_stage_stiffness", "0.3", {"first_stage_stiffness": 0.3, "first_stage_twist": 0.015}),
+])
+def test_sizes_as_users_write_them(name, text, expected):
+    assert sizes_of(effect(name), text, nominal(), np.random.default_rng(0)) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_drawn_sizes_are_worth_finding_and_plausible(name):
+    random = np.random.default_rng(1)
+    for _ in range(30):
+        sizes = drawn(effect(name), random)
+        assert sizes
+        for p in effect(name).parameters:
+            if p.name in sizes:
+                p.check(sizes[p.name])
+                assert 0.999 * p.detection <= abs(p.coordinate(sizes[p.name])) <= 5.001 * p.detection
+
+
+@pytest.mark.parametrize(("arguments", "said"), [
+    (["vehicle_mas"], "did you mean 'vehicle_mass'"),
+    (["vehicle_mass=9"], "from 0.7 to 1.6 is plausible"),
+    (["vehicle_mass=much"], "a number is needed"),
+    (["wheel_speed_delay=30 kg"], "cannot be converted"),
+    (["wheel_inertia=3 kg.m2"], "a factor is needed"),
+    (["outside:wavy_raod"], "did you mean 'wavy_road'"),
+    (["vehicle_mass", "--manoeuvres", "tip_inn:5"], "did you mean 'tip_in'"),
+    (["vehicle_mass", "--manoeuvres", "tip_in:12"], "gears 1 to 10"),
+    (["vehicle_mass", "--truth", "m/t.json"], "inside the measurement"),
+    (["vehicle_mass", "--vehicle", "tractor"], "tractor"),
+])
+def test_wrong_usage_is_said_in_one_line_and_leaves_nothing_behind(arguments, said, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["hide", *arguments, "--seed", "1", "--out", "m"]) == 2
+    message = capsys.readouterr().err
+    assert said in message and message.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_command_writes_folder_and_truth_side_by_side(tmp_path, capsys):
+    out = tmp_path / "case"
+    assert cli.main(["hide", "engine_inertia=1.3", "--seed", "1", "--manoeuvres", "step:5", "--out", str(out),
+                     "--json"]) == 0
+    truth = tmp_path / "case.truth.json"
+    assert json.loads(truth.read_text())["effects"] == {"engine_inertia": {"engine_inertia": 1.3}}
+    assert load(out).manoeuvres[0].kind == "step"
+
+
+def test_a_vehicle_file_of_ones_own_goes_with_the_measurement(tmp_path):
+    from driveline import vehicles
+
+    mine = tmp_path / "mine.toml"
+    mine.write_text((pathlib.Path(vehicles.__path__[0]) / "suv_6l80.toml").read_text())
+    hide(["vehicle_mass=1.2"], 1, tmp_path / "m", vehicle=str(mine), manoeuvres=("tip_in:4",))
+    mine.unlink()
+    measurement = load(tmp_path / "m")
+    assert load_vehicle(measurement.vehicle).name == "mine" and measurement.variant is None
+    assert measurement.manoeuvres[0].gear == 4
+
+
+def test_what_it_cannot_do_is_refused():
+    with pytest.raises(InputError, match="gear 0"):
+        simulate(nominal(), 0, 12.0, TIMES, TORQUE, 1.0)
