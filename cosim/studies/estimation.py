@@ -18,10 +18,10 @@ import numpy as np
 from cosim.master import Master
 from cosim.master.parameters import find_fmu
 from cosim.result import Result
-from cosim.signals import Signal
+from cosim.signals import FirstOrder, Ramp
 from cosim.studies.manoeuvre import FULL_ORDER, Crossing, lash_crossing, parameters
 from cosim.studies.manoeuvre import drive as drive_model
-from cosim.studies.torque_profiles import BEGIN, TorqueProfile, ramp
+from cosim.studies.torque_profiles import RATE, TorqueProfile, ramp
 from driveline import vehicles
 from driveline.estimators import ESTIMATORS
 from driveline.estimators.estimator import Estimator
@@ -74,7 +74,7 @@ class Drive:
         step: Communication step [s].
     """
 
-    torque: Signal = field(default_factory=lambda: ramp(250.0))
+    torque: Ramp | FirstOrder | TorqueProfile = field(default_factory=lambda: ramp(RATE))
     stop: float = 4.0
     gear: int = 5
     vehicle_speed: float = 12.0
@@ -89,7 +89,7 @@ class Drive:
     @property
     def tip_ins(self) -> tuple[float, ...]:
         """When the torque begins to rise [s], within the run."""
-        begins = self.torque.tip_ins if isinstance(self.torque, TorqueProfile) else (BEGIN,)
+        begins = self.torque.tip_ins if isinstance(self.torque, TorqueProfile) else (self.torque.time,)
         return tuple(begin for begin in begins if begin < self.stop)
 
     def parameters(self) -> dict[str, float]:
@@ -202,12 +202,18 @@ def _estimator(reading: Reading, gear: int) -> Estimator:
     return model
 
 
+def is_built(name: str) -> bool:
+    """Whether there is an FMU of this name."""
+    try:
+        find_fmu(name)
+    except InputError:
+        return False
+    return True
+
+
 def through_master(drive: Drive, readings: Sequence[Reading]) -> dict[Reading, Estimates] | None:
     """The same through the FMUs and the master; None where not all of them are built."""
-    try:
-        for name in (FULL_ORDER, *(reading.estimator for reading in readings)):
-            find_fmu(name)
-    except InputError:
+    if not all(is_built(name) for name in (FULL_ORDER, *(reading.estimator for reading in readings))):
         return None
     # the estimator reads the frame that arrives at its own instant, not the one before: Gauss-Seidel
     master = Master(step=drive.step, order="gauss-seidel")
@@ -264,10 +270,17 @@ def true_traversal(plant: Result, drive: Drive) -> Crossing:
 
 
 def estimated_traversal(estimates: Estimates, begin: float) -> Crossing | None:
-    """The first traversal after ``begin`` [s] that an estimator reports to end on the drive flank.
+    """The first traversal after ``begin`` [s] that an estimator reports to end on the drive flank."""
+    row = _reported(estimates, begin)
+    if row is None:
+        return None
+    return Crossing(float(estimates["traversal_start"][row]), float(estimates["traversal_end"][row]))
 
-    Its start and end as last reported while that contact holds, for an estimator may look back at what
-    it reports; not longer than 0.1 s.
+
+def _reported(estimates: Estimates, begin: float) -> int | None:
+    """The frame in which that traversal is last reported.
+
+    That is while its contact holds, but no longer than 0.1 s: an estimator may look back and correct itself.
     """
     time, driving = estimates.time, estimates["contact"] > 0.5
     arrivals = np.flatnonzero((time[1:] >= begin) & driving[1:] & ~driving[:-1]) + 1
@@ -276,18 +289,32 @@ def estimated_traversal(estimates: Estimates, begin: float) -> Crossing | None:
     row = int(arrivals[0])
     while row + 1 < time.size and driving[row + 1] and time[row + 1] <= time[arrivals[0]] + 0.1:
         row += 1
-    return Crossing(float(estimates["traversal_start"][row]), float(estimates["traversal_end"][row]))
+    return row
+
+
+def traversal_interval(estimates: Estimates, begin: float) -> list[float] | None:
+    """The 90 % interval of that traversal's time [s]; None where the estimator gives none."""
+    row = _reported(estimates, begin)
+    names = [f"traversal_time_{end}" for end in INTERVAL]
+    if row is None or names[0] not in estimates:
+        return None
+    return [float(estimates[name][row]) for name in names]
 
 
 def measure_position(drive: Drive, readings: Sequence[Reading]) -> dict[str, Any]:
-    """A case of a sweep: start and end [s] of the traversal, true and as every reading has them."""
+    """A case of a sweep: start and end [s] of the traversal, true and as every reading has them.
+
+    With the 90 % interval of its time where the estimator gives one.
+    """
     plant = run_plant(drive)
     truth = true_traversal(plant, drive)
-    found = []
+    found, intervals = [], []
     for reading in readings:
-        crossing = estimated_traversal(listen(plant, reading, drive.gear, drive.step), drive.tip_ins[0])
+        estimates = listen(plant, reading, drive.gear, drive.step)
+        crossing = estimated_traversal(estimates, drive.tip_ins[0])
         found.append(crossing and [crossing.start, crossing.end])
-    return {"truth": [truth.start, truth.end], "readings": found}
+        intervals.append(traversal_interval(estimates, drive.tip_ins[0]))
+    return {"truth": [truth.start, truth.end], "readings": found, "intervals": intervals}
 
 
 def traversal_error(case: Mapping[str, Any], number: int) -> float:

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from cosim.report.error_figures import Groups
 from cosim.report.study_figures import Curve, Panel
+from cosim.report.study_figures import draw as draw_panels
 from cosim.result import Result
 from cosim.studies.estimation import (
     Drive,
     Estimates,
     Reading,
     in_ms,
+    is_built,
     largest_difference,
     listen,
     run_plant,
@@ -35,11 +39,12 @@ def color(number: int) -> str:
 
 def through_fmus(findings: Findings, drive: Drive, readings: Sequence[Reading]) -> None:
     """Rows: the central case once more through FMUs and master, against the run in process."""
-    theirs = through_master(drive, readings)
+    built = [reading for reading in readings if is_built(reading.estimator)]
+    theirs = (through_master(drive, built) or {}) if built else {}
     plant = run_plant(drive) if theirs else None
     for reading in readings:
         name = f"FMUs and master against in-process run, {in_ms(reading.period)}, {reading.estimator}"
-        if theirs is None:
+        if reading not in theirs:
             findings.add(name, "1", None, None, "not all FMUs are built: `driveline build`")
         else:
             ours = listen(plant, reading, drive.gear, drive.step)
@@ -93,6 +98,23 @@ def torque_panel(drives: Mapping[str, Drive], span: tuple[float, float], title: 
     curves = [Curve(time, drive.torque.values(time), label, color(i))
               for i, (label, drive) in enumerate(drives.items())]
     return Panel(title, curves, "torque [N.m]", x_range=span)
+
+
+def draw(path: Path, title: str, panels: Sequence[Panel], columns: int = 2) -> str:
+    """As ``study_figures.draw``, with every axis scaled to what is shown of its curves."""
+    return draw_panels(path, title, [_cut(panel) for panel in panels], columns)
+
+
+def _cut(panel: Panel) -> Panel:
+    """Curves without what lies outside the range, but for one point on either side."""
+    if panel.x_range is None:
+        return panel
+    curves = []
+    for curve in panel.curves:
+        first, last = np.searchsorted(curve.x, panel.x_range)
+        shown = slice(max(int(first) - 1, 0), int(last) + 1)
+        curves.append(replace(curve, x=curve.x[shown], y=curve.y[shown]))
+    return replace(panel, curves=curves)
 
 
 def lash_panel(title: str, plant: Result, estimates: Mapping[str, Estimates], span: tuple[float, float],

@@ -9,18 +9,17 @@ from pathlib import Path
 import numpy as np
 
 from cosim.master import Master
-from cosim.master.parameters import find_fmu
 from cosim.master.scenario import SHIPPED
 from cosim.measured import Manoeuvre, load
-from cosim.report.study_figures import Curve, Panel, draw
+from cosim.report.study_figures import Curve, Panel
 from cosim.result import Result
 from cosim.signals import Table
-from cosim.studies.estimator_findings import RPM, color
+from cosim.studies.estimation import is_built
+from cosim.studies.estimator_findings import RPM, color, draw
 from cosim.studies.findings import Findings
 from cosim.toml import TomlFile
 from driveline import vehicles
 from driveline.estimators import ESTIMATORS
-from driveline.quantities import InputError
 from driveline.vehicles import Vehicle
 
 log = logging.getLogger("cosim")
@@ -96,7 +95,9 @@ def _run(signals: dict[str, Table], gears: list[int], vehicle: Vehicle, stop: fl
         master.signal(name, replace(signal, unit="1" if name == "gear" else
                                     "N.m" if name == "engine_torque" else "rad/s"))
     for estimator in ESTIMATORS:
-        built = _built(estimator)
+        built = is_built(estimator)
+        if not built:
+            log.warning("%s is not built: its twin runs in process", estimator)
         for gear in gears:
             name = f"{estimator}_{gear}"
             values = ESTIMATORS[estimator].defaults_from(vehicle, gear)
@@ -104,15 +105,6 @@ def _run(signals: dict[str, Table], gears: list[int], vehicle: Vehicle, stop: fl
             for target in ("engine_torque", "engine_speed", "wheel_speed"):
                 master.connect(target, f"{name}.{target}")
     return master.run(stop)
-
-
-def _built(estimator: str) -> bool:
-    try:
-        find_fmu(estimator)
-    except InputError:
-        log.warning("%s is not built: its twin runs in process", estimator)
-        return False
-    return True
 
 
 def _engaged(result: Result, gear: int) -> np.ndarray:
@@ -128,7 +120,8 @@ def _rows(findings: Findings, result: Result, gears: list[int], vehicle: Vehicle
     torque = result["engine_torque"]
     finite = all(np.isfinite(result[name]).all() for name in result.names)
     findings.add("road log: every output of every estimator is finite (0 no, 1 yes)", "1", None, float(finite),
-                 f"{result.time[-1]:.0f} s through the master, a frame every {1e3 * PERIOD:g} ms")
+                 f"{result.time[-1]:.0f} s through the master, a frame every {1e3 * PERIOD:g} ms; in process: "
+                 + (", ".join(name for name in ESTIMATORS if not is_built(name)) or "none"))
     for gear in gears:
         there = _engaged(result, gear)
         reversals = np.sum((torque[:-1] < 0.0) & (torque[1:] >= 0.0) & there[1:])
@@ -193,10 +186,10 @@ def _figure(out: Path, result: Result, gears: list[int]) -> str:
         speeds.append(Curve(t, RPM * result["turbine_speed"], "turbine", "first", width=0.7))
     panels = [Panel("(a) torque and gear", torque, "torque [N.m]", right_label="gear"),
               Panel("(b) speeds", speeds, "speed [rpm]")]
-    panels.append(Panel("(c) lash position, of the engaged gear", [
+    panels.append(Panel(f"(c) lash position, of the engaged gear ({', '.join(positions)})", [
         Curve(t, np.degrees(engaged(name, "lash_position")), name, color(i), width=0.6)
         for i, name in enumerate(positions)], "position [deg]"))
-    panels.append(Panel("(d) lash size, of the engaged gear", [
+    panels.append(Panel(f"(d) lash size, of the engaged gear ({', '.join(sizes)})", [
         Curve(t, np.degrees(engaged(name, "lash_size")), name, color(i), width=0.8)
         for i, name in enumerate(sizes)], "size [deg]"))
     return draw(out / "road_log.png", "Estimators on the road log", panels, columns=1)

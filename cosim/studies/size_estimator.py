@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cosim.report.study_figures import Curve, Panel, draw
+from cosim.report.study_figures import Curve, Panel
 from cosim.result import Result
 from cosim.studies.estimation import (
     PERIODS,
@@ -26,7 +26,7 @@ from cosim.studies.estimation import (
     size_errors,
     size_estimators,
 )
-from cosim.studies.estimator_findings import PLANT, RPM, color, held, through_fmus
+from cosim.studies.estimator_findings import PLANT, RPM, color, draw, held, through_fmus
 from cosim.studies.findings import THESIS, Findings
 from cosim.studies.sweep import CACHE, Case, Sweep
 from cosim.studies.torque_profiles import LONG, RATE, ramps
@@ -119,7 +119,10 @@ def panels(plant: Result, found: Mapping[str, Estimates], drive: Drive, span: tu
         curves = [Curve(plant.time, RPM * plant[speed], PLANT, "measured", width=1.5)]
         curves += [held(e, f"{speed}_estimate", name, color(i), RPM) for i, (name, e) in enumerate(found.items())
                    if f"{speed}_estimate" in e]
-        result.append(Panel(f"({next(letters)}) {speed.replace('_', ' ')}", curves, "speed [rpm]", x_range=span))
+        there = RPM * plant[speed][(plant.time >= span[0]) & (plant.time <= span[1])]
+        margin = 0.1 * np.ptp(there)  # before the first trigger an estimator may say 0
+        result.append(Panel(f"({next(letters)}) {speed.replace('_', ' ')}", curves, "speed [rpm]", x_range=span,
+                            y_range=(there.min() - margin, there.max() + margin)))
     true = np.degrees(drive.lash_size())
     curves = [Curve(np.array(span), np.full(2, true), "true", "measured", width=1.5)]
     for i, (name, estimates) in enumerate(found.items()):

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from cosim.report.error_figures import Groups, draw_groups
-from cosim.report.study_figures import Curve, Panel, draw
+from cosim.report.study_figures import Curve, Panel
 from cosim.studies import size_estimator
 from cosim.studies.estimation import (
     PERIODS,
@@ -31,6 +31,7 @@ from cosim.studies.estimation import (
 from cosim.studies.estimator_findings import (
     RPM,
     box_panels,
+    draw,
     errors_over,
     of_cases,
     summarise,
@@ -173,7 +174,7 @@ def _summary(findings: Findings, found: Mapping[Any, Any], errors: Errors, readi
         if all("low" in entry for entry in said):
             inside = np.concatenate([[low <= case["truth"] <= high for low, high in zip(entry["low"], entry["high"])]
                                      for case, entry in zip(found.values(), said)])
-            findings.add(f"true lash size in the 90 % interval, the whole set, {which}", "%", 90.0,
+            findings.add(f"true lash size in the 90 % interval, the whole set, {which}", "%", None,
                          100.0 * inside.mean(), f"of {inside.size} tip-ins; 90 % is what the interval promises")
 
 
@@ -212,14 +213,14 @@ class _Figures:
                 span = self.two if kind != "varying" else (0.0, self.validation.stop)
                 if kind == "varying":
                     drives |= {"constant": self.validation}
-                self._draw(shown, f"torque profiles, {kind}", [
+                self._draw(shown, f"torque profiles: {kind}", [
                     torque_panel({name: drive}, span, f"({letter}) {name}")
                     for letter, (name, drive) in zip("abcd", drives.items())], 1)
             self._simulation(simulated, first, drives[first], self.two if kind in ("steps", "ramps") else
                              (0.0, self.validation.stop))
-            self._profile_errors(errors, list(named), lashes)
+            self._profile_errors(errors, kind, list(named), lashes)
 
-    def _profile_errors(self, number: int, names: Sequence[str], lashes: Sequence[float]) -> None:
+    def _profile_errors(self, number: int, kind: str, names: Sequence[str], lashes: Sequence[float]) -> None:
         """A panel an estimator and lash; groups are profiles, series are sampling times."""
         panels = []
         for estimator, lash in product(size_estimators(), lashes):
@@ -227,7 +228,7 @@ class _Figures:
                       for i, r in enumerate(self.readings) if r.estimator == estimator}
             panels.append(Groups(f"{LASHES[lash]}, {estimator}", [name.partition(" (")[0] for name in names], series,
                                  ERROR))
-        self._groups(number, "error of the size", panels, len(lashes))
+        self._groups(number, f"error of the lash size, torque profiles: {kind}", panels, len(lashes))
 
     def delays(self) -> None:
         """Figures 4.16 to 4.21."""

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from cosim.report.error_figures import Groups, draw_groups
-from cosim.report.study_figures import Curve, Panel, draw
+from cosim.report.study_figures import Curve, Panel
 from cosim.studies.estimation import (
     PERIODS,
     Drive,
@@ -32,6 +32,7 @@ from cosim.studies.estimator_findings import (
     PLANT,
     RPM,
     box_panels,
+    draw,
     errors_over,
     lash_panel,
     of_cases,
@@ -183,6 +184,16 @@ def _summary(findings: Findings, found: Mapping[Any, Any], drives: Mapping[Any, 
         missed = sum(found[name]["readings"][i] is None for name in drives)
         findings.add(f"traversals not reported, {in_ms(reading.period)}, {reading.estimator}", "1", None, missed,
                      f"of {len(drives)} runs; each counts as an error of 100 %")
+        _interval_row(findings, [found[name] for name in drives], i, reading)
+
+
+def _interval_row(findings: Findings, cases: Sequence[Mapping[str, Any]], number: int, reading: Reading) -> None:
+    said = [(case["intervals"][number], case["truth"][1] - case["truth"][0]) for case in cases]
+    inside = [low <= true <= high for interval, true in said if interval for low, high in [interval]]
+    if inside:
+        findings.add(f"lash traversal time in its 90 % interval, the whole set, {in_ms(reading.period)}, "
+                     f"{reading.estimator}", "%", None, 100.0 * np.mean(inside),
+                     f"of {len(inside)} runs; 90 % is what the interval promises")
 
 
 def _table_3_5(findings: Findings, inputs: Mapping[str, Drive], delayed: Mapping[str, Drive],

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.report.study_figures import Curve, Panel, draw
+from cosim.report.study_figures import Curve, Panel
 from cosim.result import Result
 from cosim.studies.estimation import (
     Drive,
@@ -26,7 +26,7 @@ from cosim.studies.estimation import (
     traversal_error,
     true_traversal,
 )
-from cosim.studies.estimator_findings import lash_panel, through_fmus
+from cosim.studies.estimator_findings import draw, lash_panel, through_fmus
 from cosim.studies.findings import THESIS, Findings
 from cosim.studies.manoeuvre import Crossing
 from cosim.studies.sweep import CACHE, Case, Sweep
@@ -171,9 +171,9 @@ def _covariance_rows(findings: Findings, estimator: str, case: Mapping[str, Any]
 def _figures(out: Path, ramps: Sequence[float], factors: Sequence[float], errors: Mapping[str, Any],
              delays: Mapping[str, Any], estimators: Sequence[str]) -> list[str]:
     figures = []
-    for number, what, unit, data in ((21, "change of the traversal time", "[%]", errors),
-                                     (22, "start of the traversal is earlier by", "[ms]", delays)):
-        panels = [_lines(f"times {factor:g}, {estimator}", ramps, factor, data[estimator], f"{what} {unit}")
+    for number, what, label, data in ((21, "change of the traversal time", "change [%]", errors),
+                                      (22, "how much earlier the traversal starts", "earlier by [ms]", delays)):
+        panels = [_lines(f"times {factor:g}, {estimator}", ramps, factor, data[estimator], label)
                   for estimator in estimators for factor in factors]
         figures.append(draw(out / f"figure_3_{number}.png", f"Figure 3.{number}: {what} with wrong parameters",
                             panels, columns=len(factors)))

@@ -67,9 +67,9 @@ def step(torque: float, low: float = LOW) -> FirstOrder:
     return FirstOrder(before=low, after=torque, time=BEGIN, time_constant=ENGINE_LAG)
 
 
-def ramp(rate: float, torque: float = HIGH, low: float = LOW) -> Ramp:
+def ramp(rate: float, torque: float = HIGH, low: float = LOW, begin: float = BEGIN) -> Ramp:
     """One ramp (figures 3.3 and 3.9)."""
-    return Ramp(before=low, after=torque, time=BEGIN, duration=(torque - low) / rate)
+    return Ramp(before=low, after=torque, time=begin, duration=(torque - low) / rate)
 
 
 def steps(torque: float, low: float = -20.0) -> TorqueProfile:

@@ -21,7 +21,7 @@ SHORTER = Drive(ramps(RATE, count=1), stop=2.5, vehicle_speed=15.0)
 PROFILES = {"steps": {"Step 1 (60 N.m)": size_estimator_robustness.PROFILES["steps"]["Step 1 (60 N.m)"]},
             "random": {"Random": size_estimator_robustness.random()}}
 SMALL = {
-    "state-estimator": {"drive": Drive(stop=2.0)},
+    "state-estimator": {"drive": Drive(stop=2.0), "phases": 2},
     "state-estimator-robustness": {"steps": (300,), "ramps": (250, 500), "jitter_sets": (1, 3), "seeds": (1,),
                                    "workers": 1},
     "state-estimator-sensitivity": {"ramps": (250, 500), "factors": (1.2, 1.5), "workers": 1},
@@ -40,7 +40,6 @@ def no_fmus():
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("cosim.studies.estimation.find_fmu", nothing_built)
-        patch.setattr("cosim.studies.road_log.find_fmu", nothing_built)
         yield
 
 
