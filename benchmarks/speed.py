@@ -315,7 +315,7 @@ def measure(seconds: float, repeats: int, instances: int, folder: Path) -> list[
     return [
         *hosts(fmus, folder / "extracted", round(seconds / STEP), repeats),
         *fresh(fmus[FULL], instances),
-        *in_process(seconds / 50.0, repeats),
+        *in_process(seconds / 10.0, repeats),
     ]
 
 
@@ -333,8 +333,8 @@ def processor() -> str:
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--seconds", type=float, default=10.0, help="simulated time of a run (default: 10)")
-    parser.add_argument("--repeats", type=int, default=5, help="the shortest of so many counts (default: 5)")
+    parser.add_argument("--seconds", type=float, default=2.5, help="simulated time of a run (default: 2.5)")
+    parser.add_argument("--repeats", type=int, default=25, help="the shortest of so many counts (default: 25)")
     options = parser.parse_args()
     print(processor())
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
