@@ -98,9 +98,9 @@ def _binaries(identifier: str) -> dict[str, bytes]:
     }
 
 
-def _documentation(folder: Path, identifier: str) -> dict[str, bytes]:
+def _documentation(folder: Path, identifier: str, name: str) -> dict[str, bytes]:
     """The folder's readme and reference results, the page FMI asks for, PythonFMU's licence."""
-    files = {f"documentation/{path.name}": path.read_bytes() for path in sorted(folder.glob("*.csv"))}
+    files = {f"documentation/{path.name}": path.read_bytes() for path in folder.glob(f"{name}_reference.csv")}
     readme = folder / "README.md"
     if readme.exists():
         text = html.escape(readme.read_text(encoding="utf-8"))
@@ -134,7 +134,7 @@ def fmu_files(model: Model, slave: Path, identifier: str, *, payload: Path = DRI
         MODEL_FILE: json.dumps({"model": model.name, "start_values": start_values}, indent=1).encode(),
     }
     files = {f"resources/{name}": content for name, content in resources.items()}
-    files |= _binaries(identifier) | _documentation(slave.parent, identifier)
+    files |= _binaries(identifier) | _documentation(slave.parent, identifier, model.name)
     described = model_description(model, identifier, version=mark)
     date = described.attrib.pop("generationDateAndTime", None)
     guid = _digest({**files, "modelDescription.xml": as_bytes(described)})
