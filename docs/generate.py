@@ -1,7 +1,7 @@
 """Writes what in the documentation follows from something else; none of it is edited by hand.
 
-    python -m docs.generate          the lists of variables, and the tables of results
-    python -m docs.generate --run    the same after running every study anew, and the picture
+    python -m docs.generate                 the lists of variables, and the tables of results
+    python -m docs.generate --run [NAME]    the same after running studies anew, all by default; the picture
 
 Lists of states, inputs, outputs and parameters come from the declarations and the vehicle file, tables of
 results from ``docs/results``, where ``--run`` leaves what the studies gave. A test compares.
@@ -251,9 +251,9 @@ def with_main_table(readme: str) -> str:
     return _TABLE.sub(lambda match: f"{match[1]}{main_table()}{match[2]}", readme)
 
 
-def run_studies() -> None:
-    """Run every study and keep its rows."""
-    for name in studies.STUDIES:
+def run_studies(names: Iterable[str]) -> None:
+    """Run studies and keep their rows."""
+    for name in names:
         with tempfile.TemporaryDirectory() as folder:
             result = studies.run(name, Path(folder))
         write_text(RESULTS / f"{name}.json", json.dumps(result, indent=1) + "\n")
@@ -303,9 +303,11 @@ def pages() -> dict[Path, str]:
 def main() -> None:
     """Write everything."""
     parser = argparse.ArgumentParser(description="Write the generated parts of the documentation.")
-    parser.add_argument("--run", action="store_true", help="run every study first, and draw the picture")
-    if parser.parse_args().run:
-        run_studies()
+    parser.add_argument("--run", nargs="*", choices=[*studies.STUDIES], metavar="NAME",
+                        help="first run these studies, all where none is named, and draw the picture")
+    run = parser.parse_args().run
+    if run is not None:
+        run_studies(run or studies.STUDIES)
         draw_tip_in(FOLDER / "images" / "tip_in.png")
     for path, text in pages().items():
         write_text(path, text)
