@@ -4,8 +4,8 @@ The driveline is taken to be in contact all the time. Its sixth state, the offse
 twist, then stays where it is while that is true, and moves by the size of the lash while the lash is
 crossed. So a stationary Kalman filter for the contact model, started at zero offset when the torque
 turns positive and rises, settles at the lash size. Each tip-in triggers it anew; between triggers
-everything is held. "With constraint" (section 4.1.4) the size is the last one that had settled when the
-trigger ended.
+everything is held. "With constraint" (section 4.1.4) the size takes, when a trigger ends, the value at
+which the estimate had settled after the crossing; where it never settled, it stays as it was.
 """
 
 from __future__ import annotations
@@ -69,6 +69,7 @@ STATE = KEPT + 15  # without the count of frames
 
 # Time [s] over which the engine's torque balance sets the shaft's torque right before a trigger.
 SMOOTHING = 5e-3
+LARGER = 1.5
 
 INPUT_TORQUE, INPUT_ENGINE, INPUT_WHEEL = range(3)
 
@@ -80,7 +81,7 @@ class Trigger:
     torque: float = quantity("N.m", "the crankshaft torque must be above this", start=0.0)
     slope: float = quantity("N.m/s", "and rise faster than this", start=6.0, minimum=0.0)
     settled_rate: float = quantity(
-        "rad/s", "the size has settled when it changes less than this", start=0.15, minimum=0.0)
+        "rad/s", "the size has settled when it changes less than this", start=0.6, minimum=0.0)
     settled_torque: float = quantity(
         "N.m", "while the shaft carries more than this", start=15.0, minimum=0.0)
     settled_time: float = quantity("s", "for this long", start=0.03, minimum=0.0)
@@ -97,7 +98,7 @@ class SizeNoise(Noise):
     q_1: float = retuned(Noise, "q_1", 1e-9)
     q_2: float = retuned(Noise, "q_2", 1e-2)
     q_3: float = retuned(Noise, "q_3", 1e-9)
-    q_4: float = retuned(Noise, "q_4", 5.5e-3)
+    q_4: float = retuned(Noise, "q_4", 6.4e-3)
     q_5: float = retuned(Noise, "q_5", 1e2)
     q_6: float = retuned(Noise, "q_6", 1e-4)
 
@@ -171,7 +172,9 @@ def advance(state, work, torque, inputs, engine_good, wheel_good):
     if (shaft_torque(work, 0, X) > work[CALM_TORQUE]
             and abs(work[X + SIZE] - before) < work[CALM_RATE] * work[PERIOD]):
         state[CALM] += work[PERIOD]
-        if state[CALM] >= work[CALM_TIME]:
+        # The first that settles: what comes later drifts where a speed is late. Half of a lash that
+        # lies in two places can settle too, so one much larger replaces it.
+        if state[CALM] >= work[CALM_TIME] and work[X + SIZE] > LARGER * state[CANDIDATE]:
             state[CANDIDATE] = work[X + SIZE]
     else:
         state[CALM] = 0.0
