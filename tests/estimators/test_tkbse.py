@@ -7,6 +7,7 @@ import pytest
 from runs import plant, run
 from scipy.linalg import expm
 
+from cosim.master.scenario import Scenario
 from driveline.estimators.dskse import Dskse
 from driveline.estimators.state_space import CONTACT, Lumped, twists
 from driveline.estimators.tkbse import Tkbse
@@ -208,3 +209,13 @@ def test_the_size_it_finds_is_what_the_state_estimator_needs():
         errors.append(found["traversal_time"][np.argmax(found["contact"] == 1.0)] / true - 1.0)
     assert errors[0] < -0.15
     assert abs(errors[1]) < 0.1
+
+
+def test_both_in_the_loop_with_the_plant():
+    """The scenario that ships: the size found at one tip-in is the state estimator's from then on."""
+    result = Scenario.load("estimators_in_loop", twins=True).run()
+    size, used = np.asarray(result["size.lash_size"]), np.asarray(result["state.lash_size"])
+    assert size[-1] == pytest.approx(true_size(), rel=0.03)
+    assert used[-1] == size[-1] and used[0] == 0.0
+    assert np.asarray(result["size.triggers"])[-1] == 3 and np.asarray(result["state.trusted"])[-1] == 1.0
+    assert 0.08 < np.asarray(result["state.traversal_time"])[-1] < 0.16
