@@ -8,9 +8,11 @@ from __future__ import annotations
 
 from .dskse import Dskse
 from .estimator import Estimator
+from .lash_observer import LashObserver
 from .tkbse import Tkbse
 
 ESTIMATORS: dict[str, type[Estimator]] = {
     "dskse": Dskse,
     "tkbse": Tkbse,
+    "lash_observer": LashObserver,
 }
