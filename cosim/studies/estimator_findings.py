@@ -69,8 +69,15 @@ def summarise(findings: Findings, what: str, unit: str, errors: Mapping[tuple[st
 
 
 def box_panels(errors: Mapping[tuple[str, float], Sequence[float]], y_label: str,
-               marks: Sequence[float | None], y_range: tuple[float, float] | None = None) -> Groups:
-    """Magnitudes of errors as boxes: sampling times side by side, estimators beside one another."""
+               marks: Sequence[float]) -> Groups:
+    """Magnitudes of errors as boxes: sampling times side by side, estimators beside one another.
+
+    Outliers so far away that they would flatten the boxes are named at the edge instead.
+    """
+    tops = [np.percentile(np.abs(values), 90) for values in errors.values()]
+    top = 1.5 * max(*tops, *marks)
+    largest = max(np.abs(values).max() for values in errors.values())
+    y_range = (-0.03 * top, top) if largest > 1.5 * top else None
     periods = list(dict.fromkeys(period for _, period in errors))
     estimators = list(dict.fromkeys(estimator for estimator, _ in errors))
     return Groups("boxes: quartiles; line: median; diamond: mean", [in_ms(period) for period in periods],

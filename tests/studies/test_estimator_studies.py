@@ -23,7 +23,7 @@ PROFILES = {"steps": {"Step 1 (60 N.m)": size_estimator_robustness.PROFILES["ste
 SMALL = {
     "state-estimator": {"drive": Drive(stop=2.0), "phases": 2},
     "state-estimator-robustness": {"steps": (300,), "ramps": (250, 500), "jitter_sets": (1, 3), "seeds": (1,),
-                                   "workers": 1},
+                                   "phases": (0.0, 0.004), "workers": 1},
     "state-estimator-sensitivity": {"ramps": (250, 500), "factors": (1.2, 1.5), "workers": 1},
     "size-estimator": {"drive": SHORT, "workers": 1},
     "size-estimator-robustness": {"profiles": PROFILES, "lashes": (1.0,), "jitter_sets": (1, 3),
