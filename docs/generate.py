@@ -10,6 +10,7 @@ results from ``docs/results``, where ``--run`` leaves what the studies gave. A t
 from __future__ import annotations
 
 import argparse
+import inspect
 import json
 import re
 import tempfile
@@ -20,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from cosim import studies
+from cosim.diagnosis import hidden
 from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.effect import EffectParameter
 from cosim.diagnosis.hidden import OUTSIDE, PREFIX
@@ -203,6 +205,8 @@ def effect_page() -> str:
     lines += table(("effect", "what it is", "balance", "goes with", "unit of its size"),
                    ((f"`{PREFIX}{name}`", about.meaning, about.balance, about.driving_variable, about.unit)
                     for name, about in OUTSIDE.items()))
+    title, _, text = inspect.cleandoc(hidden.__doc__).partition("\n")
+    lines += ["## How such a measurement is made", "", title, text]
     return "\n".join(lines).rstrip() + "\n"
 
 

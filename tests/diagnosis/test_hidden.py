@@ -118,6 +118,16 @@ def test_every_nuisance_drifts_by_three_to_five_percent_and_no_cause_does(nothin
     assert written["drift"] == truth.drift and written["effects"] == {} and written["structure"] == "same"
 
 
+@pytest.mark.parametrize("name", ["suspension_mode", "torque_meter_filter"])
+def test_what_is_drawn_is_there(name, tmp_path, monkeypatch):
+    """On a rigid axle, or without a filter, only one direction is an effect."""
+    monkeypatch.setattr(package, "_recorded", lambda *_: {})
+    monkeypatch.setattr(package, "write", lambda *_: None)
+    for seed in range(12):
+        variant = "baseline" if name == "torque_meter_filter" else None
+        assert hide([name], seed, tmp_path / "m", variant=variant, manoeuvres=SHORT).changed
+
+
 def test_the_same_seed_gives_the_same_files_and_another_other_ones(tmp_path):
     for name, seed in (("a", 5), ("b", 5), ("c", 6)):
         hide(["wheel_speed_delay"], seed, tmp_path / name, manoeuvres=SHORT)
@@ -205,6 +215,8 @@ def test_drawn_sizes_are_worth_finding_and_plausible(name):
 @pytest.mark.parametrize(("arguments", "said"), [
     (["vehicle_mas"], "did you mean 'vehicle_mass'"),
     (["vehicle_mass=9"], "from 0.7 to 1.6 is plausible"),
+    (["suspension_mode=-1e-6"], "changes nothing of pickup_10r80, modified"),
+    (["torque_meter_filter=-0.01", "--variant", "baseline"], "changes nothing"),
     (["vehicle_mass=much"], "a number is needed"),
     (["wheel_speed_delay=30 kg"], "cannot be converted"),
     (["wheel_inertia=3 kg.m2"], "a factor is needed"),

@@ -14,6 +14,6 @@ EFFECT = Effect(
     parameters=(
         factor("drag_coefficient", "vehicle.drag_coefficient", unit="1",
                meaning="aerodynamic drag coefficient",
-               spread=0.2, limits=(0.4, 2.5), detection=0.15),
+               spread=0.2, limits=(0.4, 2.5), detection=0.2),
     ),
 )

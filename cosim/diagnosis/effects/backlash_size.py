@@ -13,6 +13,6 @@ EFFECT = Effect(
     parameters=(
         factor("backlash", "transmission.half_gap", "final_drive.half_gap", unit="rad",
                meaning="lash of transmission and final drive",
-               spread=0.3, limits=(0.1, 4.0), detection=0.05),
+               spread=0.3, limits=(0.1, 4.0), detection=0.08),
     ),
 )

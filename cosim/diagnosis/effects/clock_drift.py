@@ -15,6 +15,6 @@ EFFECT = Effect(
               "observe.seat_acceleration.clock_drift",
               "observe.differential_acceleration.clock_drift", unit="1",
               meaning="seconds gained in a second",
-              spread=1e-3, limits=(-0.02, 0.02), detection=2e-4),
+              spread=1e-3, limits=(-0.02, 0.02), detection=0.0004),
     ),
 )

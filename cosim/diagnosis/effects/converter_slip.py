@@ -14,6 +14,6 @@ EFFECT = Effect(
     parameters=(
         factor("lockup_capacity", "lockup_clutch.capacity", unit="N.m",
                meaning="torque capacity of the lock-up clutch at full command",
-               spread=1.0, limits=(0.01, 1.5), detection=1.3, probes=(0.25, 0.15, 0.08)),
+               spread=1.0, limits=(0.01, 1.5), detection=1.7, probes=(0.2, 0.1, 0.05)),
     ),
 )

@@ -14,6 +14,6 @@ EFFECT = Effect(
     parameters=(
         shift("coulomb_drag_torque", "coulomb_drag.torque", unit="N.m",
               meaning="dry friction torque at the axle",
-              spread=25.0, limits=(0.0, 800.0), detection=10.0),
+              spread=25.0, limits=(0.0, 800.0), detection=15),
     ),
 )

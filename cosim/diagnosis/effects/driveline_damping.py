@@ -16,6 +16,6 @@ EFFECT = Effect(
                "axle_shaft.damping",
                "tyre.damping", unit="N.m.s/rad",
                meaning="damping of transmission, shafts and tyre sidewalls",
-               spread=0.4, limits=(0.1, 8.0), detection=0.2),
+               spread=0.4, limits=(0.1, 8.0), detection=0.35),
     ),
 )

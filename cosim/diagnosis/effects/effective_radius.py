@@ -13,6 +13,6 @@ EFFECT = Effect(
     parameters=(
         factor("tyre_radius", "tyre.radius", unit="m",
                meaning="rolling radius of the tyres",
-               spread=0.02, limits=(0.85, 1.15), detection=0.003),
+               spread=0.02, limits=(0.85, 1.15), detection=0.004),
     ),
 )

@@ -15,6 +15,6 @@ EFFECT = Effect(
     parameters=(
         factor("engine_inertia", "engine.inertia", unit="kg.m2",
                meaning="crankshaft and flexplate or primary flywheel",
-               spread=0.15, limits=(0.5, 2.0), detection=0.04),
+               spread=0.15, limits=(0.5, 2.0), detection=0.08),
     ),
 )

@@ -13,6 +13,6 @@ EFFECT = Effect(
     parameters=(
         shift("engine_speed_delay", "observe.engine_speed.delay", unit="s",
               meaning="age of the shown engine speed",
-              spread=0.015, limits=(-0.05, 0.2), detection=0.002),
+              spread=0.015, limits=(-0.05, 0.2), detection=0.003),
     ),
 )

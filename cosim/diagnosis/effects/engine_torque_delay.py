@@ -13,6 +13,6 @@ EFFECT = Effect(
     parameters=(
         shift("engine_torque_delay", "engine.air_delay", unit="s",
               meaning="delay of the air path beyond the file's",
-              spread=0.02, limits=(-0.04, 0.3), detection=0.003),
+              spread=0.02, limits=(-0.04, 0.3), detection=0.006),
     ),
 )

@@ -13,6 +13,6 @@ EFFECT = Effect(
     parameters=(
         factor("engine_torque_gain", "engine.torque_gain", unit="1",
                meaning="delivered over estimated indicated torque",
-               spread=0.06, limits=(0.6, 1.5), detection=0.01),
+               spread=0.06, limits=(0.6, 1.5), detection=0.03),
     ),
 )

@@ -12,6 +12,6 @@ EFFECT = Effect(
     parameters=(
         shift("engine_torque_offset", "engine.torque_offset", unit="N.m",
               meaning="torque at the crankshaft beyond the estimated one",
-              spread=8.0, limits=(-80.0, 80.0), detection=1.5),
+              spread=8.0, limits=(-80.0, 80.0), detection=2),
     ),
 )

@@ -14,6 +14,6 @@ EFFECT = Effect(
     parameters=(
         factor("rolling_resistance", "tyre.rolling_resistance", unit="1",
                meaning="rolling resistance over vehicle weight",
-               spread=0.35, limits=(0.25, 4.0), detection=0.15),
+               spread=0.35, limits=(0.25, 4.0), detection=0.2),
     ),
 )

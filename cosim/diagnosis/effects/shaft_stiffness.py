@@ -14,9 +14,9 @@ EFFECT = Effect(
     parameters=(
         factor("propeller_shaft_stiffness", "propeller_shaft.stiffness", unit="N.m/rad",
                meaning="torsional stiffness of the propeller shaft",
-               spread=0.2, limits=(0.3, 3.0), detection=0.08),
+               spread=0.2, limits=(0.3, 3.0), detection=0.15),
         factor("axle_shaft_stiffness", "axle_shaft.stiffness", unit="N.m/rad",
                meaning="torsional stiffness of one axle shaft",
-               spread=0.2, limits=(0.3, 3.0), detection=0.04),
+               spread=0.2, limits=(0.3, 3.0), detection=0.08),
     ),
 )

@@ -13,6 +13,6 @@ EFFECT = Effect(
     parameters=(
         factor("torque_meter_gain", "observe.propeller_shaft_torque.gain", unit="1",
                meaning="indicated over true torque",
-               spread=0.06, limits=(0.5, 2.0), detection=0.01),
+               spread=0.06, limits=(0.5, 2.0), detection=0.02),
     ),
 )

@@ -13,6 +13,6 @@ EFFECT = Effect(
     parameters=(
         shift("torque_meter_offset", "observe.propeller_shaft_torque.offset", unit="N.m",
               meaning="indicated torque at zero torque",
-              spread=10.0, limits=(-200.0, 200.0), detection=1.5),
+              spread=10.0, limits=(-200.0, 200.0), detection=3),
     ),
 )

@@ -13,6 +13,6 @@ EFFECT = Effect(
     parameters=(
         factor("slip_stiffness", "tyre.slip_stiffness", unit="N",
                meaning="force over slip at small slip, of one tyre",
-               spread=0.3, limits=(0.2, 4.0), detection=0.2),
+               spread=0.3, limits=(0.2, 4.0), detection=0.25),
     ),
 )

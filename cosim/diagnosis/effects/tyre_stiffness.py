@@ -13,6 +13,6 @@ EFFECT = Effect(
     parameters=(
         factor("tyre_stiffness", "tyre.stiffness", unit="N.m/rad",
                meaning="torsional stiffness of one sidewall",
-               spread=0.3, limits=(0.3, 3.0), detection=0.15),
+               spread=0.3, limits=(0.3, 3.0), detection=0.25),
     ),
 )

@@ -14,6 +14,6 @@ EFFECT = Effect(
     parameters=(
         factor("vehicle_mass", "vehicle.mass", unit="kg",
                meaning="mass of the whole vehicle",
-               spread=0.12, limits=(0.7, 1.6), detection=0.02),
+               spread=0.12, limits=(0.7, 1.6), detection=0.05),
     ),
 )

@@ -14,6 +14,6 @@ EFFECT = Effect(
     parameters=(
         factor("wheel_inertia", "hub.inertia", "tyre.belt_inertia", unit="kg.m2",
                meaning="inertia of hubs, rims and tyre belts",
-               spread=0.15, limits=(0.4, 2.5), detection=0.08),
+               spread=0.15, limits=(0.4, 2.5), detection=0.15),
     ),
 )

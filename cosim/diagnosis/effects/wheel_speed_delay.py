@@ -13,6 +13,6 @@ EFFECT = Effect(
     parameters=(
         shift("wheel_speed_delay", "observe.wheel_speed.delay", unit="s",
               meaning="age of the shown wheel speed",
-              spread=0.02, limits=(-0.05, 0.3), detection=0.003),
+              spread=0.02, limits=(-0.05, 0.3), detection=0.005),
     ),
 )

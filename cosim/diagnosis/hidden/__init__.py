@@ -133,10 +133,14 @@ def hide(effects: Sequence[str], seed: int, out: Path, *, vehicle: str = VEHICLE
         else:
             _require(name)
             found = effect(name)
-            sizes[name] = sizes_of(found, text, nominal, random)
-            values = apply(found, sizes[name], values)
-    changed = {name: (nominal.get(name, 1.0 if name.endswith(("gain", "_ratio")) else 0.0), value)
-               for name, value in values.items() if value != nominal.get(name)}
+            for _ in range(100):
+                sizes[name] = sizes_of(found, text, nominal, random)
+                before, values = values, apply(found, sizes[name], values)
+                if _changed(before, values):
+                    break
+                if text:
+                    raise InputError(f"{entry} changes nothing of {vehicle}" + (f", {variant}" if variant else ""))
+    changed = _changed(nominal, values)
     drifted = _drift(nominal, changed, drift, np.random.default_rng([seed, 5]))
     values |= {name: values[name] * (1.0 + share) for name, share in drifted.items()}
     values |= {f"outside.{name}": size for name, size in outside.items()}
@@ -159,6 +163,12 @@ def hide(effects: Sequence[str], seed: int, out: Path, *, vehicle: str = VEHICLE
     if truth is not None:
         write_text(truth, json.dumps(hidden.as_json(), indent=2) + "\n")
     return hidden
+
+
+def _changed(before: Mapping[str, float], after: Mapping[str, float]) -> dict[str, tuple[float, float]]:
+    """What is not as it was; an error that was not mentioned was none."""
+    was = {name: before.get(name, 1.0 if name.endswith(("gain", "_ratio")) else 0.0) for name in after}
+    return {name: (was[name], value) for name, value in after.items() if value != was[name]}
 
 
 def _require(name: str) -> None:

@@ -3,9 +3,9 @@
 Made so that a diagnosis cannot succeed by inverting its own model: other coordinates (both sides lumped, the
 engaged gearbox rigid), other laws where contacts and clutches are concerned (dead zones, smooth friction), and
 SciPy's LSODA with its own choice of step. ``other`` changes the structure as well: axle shafts with inertia
-along their length, a tyre of three rings, Bouc-Wen hysteresis in damper and lock-up clutch, a tyre force that
-saturates as a hyperbolic tangent, flanks whose damping grows with the penetration. It simulates driving
-forward in one gear.
+along their length, a tyre of three rings whose force saturates behind its relaxation length and not within,
+Bouc-Wen hysteresis in damper and lock-up clutch, flanks whose damping grows with the penetration. Its static
+stiffness, slip and total inertia stay those of the vehicle file. It simulates driving forward in one gear.
 """
 
 from __future__ import annotations
@@ -317,7 +317,7 @@ def _rates(t, y, p, torque_times, torque):
     stiffness = q.slip_stiffness / q.relaxation_length
     if q.other:
         d[TREAD] = sliding - rolling * y[TREAD]
-        force = q.tyre_limit * np.tanh(stiffness * y[TREAD] / q.tyre_limit)
+        force = stiffness * y[TREAD] / (1.0 + abs(y[TREAD]) * stiffness / q.tyre_limit)
     else:
         d[TREAD] = sliding - (rolling + abs(sliding) * stiffness / q.tyre_limit) * y[TREAD]
         force = stiffness * y[TREAD]

@@ -98,8 +98,8 @@ LOGGERS = {
     "wheel_speed": Logger("WhlSpdRr", "rpm", 0.020, 1e-3, 0.12, 0.05, 0.02),
     "vehicle_speed": Logger("VehSpd", "km/h", 0.050, 2e-3, 0.02, 0.01, 0.02),
     "propeller_shaft_torque": Logger("PropTrq", "N.m", 0.004, 0.0, 1.5, 0.1, 0.0),
-    "seat_acceleration": Logger("SeatAcc", "m/s2", 0.004, 0.0, 0.02, 0.001, 0.0),
-    "differential_acceleration": Logger("DiffAcc", "m/s2", 0.004, 0.0, 0.05, 0.001, 0.0),
+    "seat_acceleration": Logger("SeatAcc", "m/s2", 0.004, 0.0, 0.03, 0.001, 0.0),
+    "differential_acceleration": Logger("DiffAcc", "m/s2", 0.004, 0.0, 0.5, 0.01, 0.0),
 }
 _ANGLES = {"engine_speed": "crank_angle", "turbine_speed": "crank_angle", "wheel_speed": "wheel_angle",
            "transmission_output_speed": "output_angle"}
