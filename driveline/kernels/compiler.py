@@ -45,6 +45,19 @@ HEADER = """\
 """
 
 
+# On Windows the library stands on the C runtime that is part of the system, not on MinGW's, which zig
+# would first have to compile (a minute on a new machine). That runtime has all of C_LIBRARY but
+# sincos, and a library that starts nothing needs no more of a start than this.
+WINDOWS_SOURCE = """\
+double sin(double);
+double cos(double);
+void sincos(double x, double *s, double *c) { *s = sin(x); *c = cos(x); }
+int __stdcall DllMainCRTStartup(void *library, unsigned reason, void *reserved) { return 1; }
+int _fltused = 0;
+"""
+WINDOWS_RUNTIME = "ucrtbase"
+
+
 class CompileError(Exception):
     """The kernels cannot be compiled; the message says which rule of backend.py they break."""
 
@@ -142,9 +155,17 @@ def build(targets: dict[str, dict[str, str]], out: Path) -> None:
         module.data_layout = str(machine.target_data)
         optimise(module, machine)
         (out / "kernels.o").write_bytes(machine.emit_object(module))
+        sources = ["exports.c", "kernels.o"]
+        if "windows" in target["zig"]:
+            (out / "windows.c").write_text(WINDOWS_SOURCE)
+            sources.append("windows.c")
+            names = "\n".join(sorted(C_LIBRARY - {"sincos"}))
+            (out / "runtime.def").write_text(f"LIBRARY {WINDOWS_RUNTIME}.dll\nEXPORTS\n{names}\n")
+            subprocess.run([sys.executable, "-m", "ziglang", "dlltool", "-m", "i386:x86-64", "-d", "runtime.def",
+                            "-l", f"lib{WINDOWS_RUNTIME}.a"], cwd=out, check=True)
         subprocess.run(
             [sys.executable, "-m", "ziglang", "cc", "-O2", "-s", "-shared", "-target", target["zig"],
-             *target["flags"], "exports.c", "kernels.o", "-o", target["file"]], cwd=out, check=True)
+             *sources, *target["flags"], "-o", target["file"]], cwd=out, check=True)
 
 
 def _told(error: Exception) -> str:

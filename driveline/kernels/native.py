@@ -36,7 +36,7 @@ TARGETS = {
         "flags": ["-fPIC"], "file": "kernels-linux-x86_64.so"},
     "windows-x86_64": {
         "triple": "x86_64-pc-windows-gnu", "zig": "x86_64-windows-gnu",
-        "flags": [], "file": "kernels-windows-x86_64.dll"},
+        "flags": ["-nostdlib", "-L.", "-lucrtbase"], "file": "kernels-windows-x86_64.dll"},
 }
 SEAL = b"sha256:"  # this and its digest end a library; system loaders ignore what follows the image
 C_TYPES = {float: ctypes.c_double, int: ctypes.c_int64}
