@@ -246,7 +246,8 @@ def find_instants(state, constants):
                         variance = upper
                     own = 0.35 * constants[N_TORQUE] / k
                     state[START] = state[RING_TIME + now] - length * b / (b - a) - state[ASSUMED]
-                    state[START_SPREAD] = math.sqrt((max(variance, 0.0) + own * own) / (rate * rate) + 2.5e-7 + instants)
+                    variance = max(variance, 0.0) + own * own
+                    state[START_SPREAD] = math.sqrt(variance / (rate * rate) + 2.5e-7 + instants)
 
 
 @kernel
@@ -506,5 +507,6 @@ class LashObserver(Estimator):
             unknown.size, unknown.wear, unknown.torque, unknown.stiffness, unknown.inertia, unknown.wheel_delay,
             unknown.engine_delay, unknown.time,
             p.delay.engine_speed, p.delay.wheel_speed,
-            noise.torque, noise.fraction, noise.change, noise.speed, noise.twist, noise.model, noise.instant, noise.duration,
+            noise.torque, noise.fraction, noise.change, noise.speed, noise.twist, noise.model,
+            noise.instant, noise.duration,
             p.sampling.period, substeps])
