@@ -164,7 +164,8 @@ class Assembly:
     def shaft(self, name: str, a: int, b: int, stiffness: Number, damping: Number,
               ratio_a: Number = 1.0, ratio_b: Number = 1.0, unit: str = "rad") -> int:
         """A spring and damper in parallel."""
-        entry = StateEntry(f"{name}_twist", unit, f"twist of the {name.replace('_', ' ')}")
+        kind = "twist" if unit == "rad" else "deflection"
+        entry = StateEntry(f"{name}_{kind}", unit, f"{kind} of the {name.replace('_', ' ')}")
         return self._branch(Branch(name, k.SHAFT, a, b, ratio_a, ratio_b, (stiffness, damping),
                                    states=(entry,)))
 
@@ -242,9 +243,9 @@ class Assembly:
         """A torque ``gain`` times that of an earlier branch, which does not feel it (read-out only)."""
         return self._branch(Branch(name, k.REACTION, node, GROUND, 1.0, 0.0, (gain,), reference=of))
 
-    def lag(self, name: str, signal: int, time_constant: float, meaning: str) -> str:
+    def lag(self, name: str, signal: int, time_constant: float, meaning: str, unit: str = "1") -> str:
         """A first-order lag behind a signal; zero for none."""
-        self.lags[name] = (signal, time_constant, StateEntry(name, "1", meaning))
+        self.lags[name] = (signal, time_constant, StateEntry(name, unit, meaning))
         return name
 
     def integral(self, node: int, name: str, unit: str, meaning: str) -> int:

@@ -254,7 +254,7 @@ class FullOrderPlant(Plant):
                 "lock-up clutch capacity over its full one")
         net.lag("shift_clutch_engagement", k.IN_GEAR, p.transmission.shift_lag,
                 "shift element capacity over its full one")
-        net.lag("brake_torque_level", net.signal("brake_torque"), p.brake.lag, "brake torque at the wheels [N.m]")
+        net.lag("brake_torque_level", net.signal("brake_torque"), p.brake.lag, "brake torque at the wheels", "N.m")
 
         net.integral(body, "travelled_distance", "m", "distance since the start")
         crank_angle = net.integral(crank, "crank_angle", "rad", "crankshaft angle since the start")

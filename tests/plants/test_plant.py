@@ -87,7 +87,7 @@ def full_order_energy(model):
         "damper_twist": p.damper.stiffness, "transmission_shaft_twist": box.stiffness,
         "propeller_shaft_front_twist": 2.0 * prop.stiffness,
         "propeller_shaft_rear_twist": 2.0 * prop.stiffness,
-        "final_drive_shaft_twist": p.final_drive.mesh_stiffness, "seat_twist": p.seat.stiffness,
+        "final_drive_shaft_twist": p.final_drive.mesh_stiffness, "seat_deflection": p.seat.stiffness,
         "differential_case_twist": p.differential_case.stiffness,
         "engine_mount_twist": p.engine_mount.stiffness,
     }
