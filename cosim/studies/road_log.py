@@ -160,7 +160,7 @@ def _estimator_rows(findings: Findings, result: Result, name: str, estimator: st
         if new.size:
             low, middle, high = np.degrees(np.percentile(sizes[new], (10, 50, 90)))
             findings.add(f"road log: lash size, median, {which}", "deg", None, middle,
-                         f"{new.size} estimates, 80 % of them from {low:.1f} to {high:.1f} deg; the vehicle "
+                         f"{new.size} new values, 80 % of them from {low:.1f} to {high:.1f} deg; the vehicle "
                          f"file estimates {np.degrees(believed):.1f} deg")
         else:
             findings.add(f"road log: lash size, median, {which}", "deg", None, None, "never estimated there")

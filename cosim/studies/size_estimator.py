@@ -129,8 +129,8 @@ def panels(plant: Result, found: Mapping[str, Estimates], drive: Drive, span: tu
         if not settled and "lash_size_unconstrained" in estimates:
             curves.append(held(estimates, "lash_size_unconstrained", f"{name}, without constraint", color(i),
                                np.degrees(1.0), "--"))
-        curves.append(held(estimates, "lash_size", f"{name}, with constraint" if not settled else name, color(i),
-                           np.degrees(1.0)))
+        label = f"{name}, with constraint" if not settled and "lash_size_unconstrained" in estimates else name
+        curves.append(held(estimates, "lash_size", label, color(i), np.degrees(1.0)))
     result.append(Panel(f"({next(letters)}) lash size", curves, "size [deg]", x_range=span,
                         y_range=(-0.4 * true, 2.0 * true)))
     return result

@@ -99,6 +99,7 @@ def _rows(findings: Findings, reading: Reading, estimates: Estimates, plant: Res
     findings.add(f"lash traversal ends later than in the plant by, {which}", "ms", None,
                  1e3 * (crossing.end - truth.end),
                  "section 3.2: close to the end in the plant" if reading.period == 0.01 else "")
+    _live_rows(findings, which, estimates, plant, truth)
     if "trusted" in estimates:
         findings.add(f"share of frames in which it trusts itself, {which}", "%", None,
                      100.0 * float(estimates["trusted"].mean()))
@@ -106,6 +107,18 @@ def _rows(findings: Findings, reading: Reading, estimates: Estimates, plant: Res
         low, high = interval
         findings.add(f"lash traversal time lies in its 90 % interval (0 no, 1 yes), {which}", "1", None,
                      float(low <= truth.duration <= high), f"{1e3 * low:.1f} to {1e3 * high:.1f} ms")
+
+
+def _live_rows(findings: Findings, which: str, estimates: Estimates, plant: Result, truth: Crossing) -> None:
+    """What a controller would have of it while the lash is crossed: position then, and when it learns of contact."""
+    inside = (plant.time >= truth.start) & (plant.time <= truth.end)
+    held_rows = np.maximum(np.searchsorted(estimates.time, plant.time[inside] + 1e-9, side="right") - 1, 0)
+    error = estimates["lash_position"][held_rows] - plant["lash_position"][inside]
+    findings.add(f"lash position while it is crossed, rms error, {which}", "deg", None,
+                 np.degrees(np.sqrt(np.mean(error**2))), "as it is said at the time, held between frames")
+    told = estimates.time[(estimates.time >= truth.start) & (estimates["contact"] > 0.5)]
+    findings.add(f"contact on the drive flank is told later than it was by, {which}", "ms", None,
+                 1e3 * (told[0] - truth.end) if told.size else None, "" if told.size else "never told")
 
 
 def _phase_rows(findings: Findings, readings: list[Reading], drive: Drive, phases: int) -> None:
@@ -127,7 +140,7 @@ def _figures(out: Path, plant: Result, found: Mapping[Reading, Estimates], truth
     start = (truth.start - 0.02, truth.start + 0.07)
     slow, fast = ({r.estimator: e for r, e in found.items() if r.period == period} for period in (0.01, 0.001))
     size = np.degrees(drive.lash_size())
-    bottom = (-0.52 * size, -0.2 * size)
+    bottom = (-0.57 * size, -0.2 * size)
     thesis = next(iter(slow.values()))
     figures = [draw(out / "figure_3_3.png", "Figure 3.3: states as DSKSE estimates them, 10 ms",
                     _states(plant, thesis, span, drive))]
