@@ -70,6 +70,7 @@ from .dead_zone import (
     RING_TIME,
     RING_TWIST,
     RUNNING,
+    SEEN,
     SIDE,
     SIZE,
     START,
@@ -321,7 +322,7 @@ def lash_observer_step(state: F8, constants: F8, work: F8, inputs: F8, outputs: 
             for i in range(SAMPLES):
                 if found < 0 and i < int(state[ENGINE_COUNT]) and state[ENGINE_RING + i] > state[TIME] + 1e-5:
                     found = i
-            if state[RUNNING] == 0.0 and turn == 0 and found >= 0 and state[ENGINE] == 0.0:
+            if state[RUNNING] == 0.0 and turn == 0 and state[SEEN] == 0.0:
                 found = int(state[ENGINE_COUNT]) - 1
             if found >= 0:
                 late = mean(state, WHEEL_LATE)
@@ -335,9 +336,9 @@ def lash_observer_step(state: F8, constants: F8, work: F8, inputs: F8, outputs: 
                     wheel = smooth(state, WHEEL_RING, WHEEL_COUNT, at + late)
                     torque = linear(state, TORQUE_RING, TORQUE_COUNT, at - engine_late)
                     h = at - state[TIME]
-                    if state[ENGINE] == 0.0 or h > LONGEST or state[RUNNING] == 0.0:
+                    if state[SEEN] == 0.0 or h > LONGEST or state[RUNNING] == 0.0:
                         # begin, or begin again, at a torque that tells the flank
-                        if 0.0 < h < LONGEST and state[ENGINE] != 0.0:
+                        if 0.0 < h < LONGEST and state[SEEN] > 0.0:
                             shown = constants[I_TR] * (
                                 0.5 * (torque + state[TORQUE]) - constants[LOSS_0]
                                 - constants[LOSS_1] * 0.5 * (engine + state[ENGINE])
@@ -347,6 +348,7 @@ def lash_observer_step(state: F8, constants: F8, work: F8, inputs: F8, outputs: 
                         else:
                             state[RUNNING] = 0.0
                         state[TIME] = at
+                        state[SEEN] = 1.0
                         state[ENGINE] = engine
                         state[WHEEL] = wheel
                         state[TORQUE] = torque
@@ -414,7 +416,7 @@ def report(state, constants, outputs, time, contact):
     outputs[22] = constants[DELAY_WHEEL] + mean(state, ENGINE_LATE) + mean(state, WHEEL_LATE)
     outputs[23] = math.sqrt(jitter)
     outputs[24] = 0.0
-    if state[ENGINE] != 0.0:
+    if state[SEEN] > 0.0:
         outputs[24] = time - state[TIME]
     outputs[25] = state[SURPRISE]
     outputs[26] = 0.0

@@ -32,7 +32,7 @@ def listen(record, observer, milliseconds=10, phase=0, engine_delay=0, wheel_del
     if spoil is not None:
         spoil(frames)
     observer["sampling.period"] = milliseconds * 1e-3
-    observer.values[:3] = frames[0, :3]
+    observer.values[:frames.shape[1]] = frames[0]
     begin = record["time"][rows[0]] - milliseconds * 1e-3
     observer.initialize(begin)
     found = observer.simulate(frames, begin)
