@@ -57,7 +57,32 @@ MAIN_TABLE = (
     ("observability", "rank of the observability matrix, model II, contact (table 3.2)", "table 3.2"),
     ("observability", "rank of the observability matrix, model II, backlash (table 3.2)", "table 3.2"),
 )
-_TABLE = re.compile(r"(<!-- main table -->\n).*?(<!-- end -->\n)", re.DOTALL)
+# The estimators' table: study, quantity, sampling time, the thesis's estimator, where the paper prints it.
+BETTER = "lash_observer"
+ESTIMATOR_TABLE = (
+    ("state-estimator", "lash traversal time, mean error wherever the frames fall", "10 ms", "dskse", "table 3.3", 14.29),
+    ("state-estimator", "lash traversal time, mean error wherever the frames fall", "1 ms", "dskse", "table 3.4", 5.59),
+    ("state-estimator-robustness", "mean error of the lash traversal time, steps and ramps wherever the frames fall",
+     "10 ms", "dskse", "figure 3.20", 15.0),
+    ("state-estimator-robustness", "largest error of the lash traversal time, steps and ramps wherever the frames fall",
+     "10 ms", "dskse", "", None),
+    ("state-estimator-robustness", "mean error of the lash traversal time, the whole set", "10 ms", "dskse", "", None),
+    ("size-estimator", "lash size, error after the last tip-in, 2 alpha", "10 ms", "tkbse", "table 4.1", 0.81),
+    ("size-estimator", "lash size, error after the last tip-in, 4 alpha", "10 ms", "tkbse", "table 4.1", 0.25),
+    ("size-estimator", "lash size, error after the last tip-in, 6 alpha", "10 ms", "tkbse", "table 4.1", 0.23),
+    ("size-estimator-robustness", "mean error of the lash size, the whole set", "10 ms", "tkbse", "figure 4.24", 3.0),
+    ("size-estimator-robustness", "largest error of the lash size, the whole set", "10 ms", "tkbse", "figure 4.24", 8.0),
+    ("size-estimator-robustness", "largest error of the lash size with jitter", "10 ms", "tkbse", "section 4.3.8", 3.5),
+    ("size-estimator-robustness", "true lash size in the 90 % interval, the whole set", "10 ms", None, "", None),
+    ("state-estimator-robustness", "lash traversal time in its 90 % interval, the whole set", "10 ms", None, "", None),
+)
+
+
+def between(name: str) -> re.Pattern[str]:
+    """What stands between the marks of a table in the README."""
+    return re.compile(rf"(<!-- {name} -->\n).*?(<!-- end -->\n)", re.DOTALL)
+
+
 _NUMBERED = re.compile(r"\[\d+\]$")
 
 
@@ -238,6 +263,21 @@ def main_table() -> str:
     return "\n".join(table(("quantity", "printed in", "paper", "here", "deviation", "study"), rows))
 
 
+def estimator_table() -> str:
+    """The estimators in the README: what the paper prints, its estimator here, the better one here."""
+    found = results()
+
+    def here(study: str, quantity: str, sampling: str, estimator: str | None) -> str:
+        rows = {row["quantity"]: row["here"] for row in found[study]["rows"]}
+        return "" if estimator is None else f"{rows[f'{quantity}, {sampling}, {estimator}']:.3g}"
+
+    rows = [(f"{quantity}, {sampling} [%]", place, "" if paper is None else f"{paper:g}",
+             here(study, quantity, sampling, estimator), here(study, quantity, sampling, BETTER), f"`{study}`")
+            for study, quantity, sampling, estimator, place, paper in ESTIMATOR_TABLE]
+    return "\n".join(table(("quantity", "printed in", "paper", "DSKSE / TKBSE here", "lash observer here", "study"),
+                           rows))
+
+
 def result_page() -> str:
     """All rows of all studies."""
     lines = ["# What the studies give", "",
@@ -250,9 +290,12 @@ def result_page() -> str:
     return "\n".join(lines).rstrip() + "\n"
 
 
-def with_main_table(readme: str) -> str:
-    """The README with the table of today."""
-    return _TABLE.sub(lambda match: f"{match[1]}{main_table()}{match[2]}", readme)
+def with_tables(readme: str) -> str:
+    """The README with its tables as the results have them."""
+    for name, made in (("main table", main_table), ("estimator table", estimator_table)):
+        content = made()
+        readme = between(name).sub(lambda match, content=content: f"{match[1]}{content}{match[2]}", readme)
+    return readme
 
 
 def run_studies(names: Iterable[str]) -> None:
@@ -300,7 +343,7 @@ def pages() -> dict[Path, str]:
     written = {FOLDER / file: page(names) for file, names in PLANT_PAGES.items()}
     written[FOLDER / "effects.md"] = effect_page()
     written[FOLDER / "results.md"] = result_page()
-    written[README] = with_main_table(README.read_text(encoding="utf-8"))
+    written[README] = with_tables(README.read_text(encoding="utf-8"))
     return written
 
 
