@@ -60,8 +60,10 @@ MAIN_TABLE = (
 # The estimators' table: study, quantity, sampling time, the thesis's estimator, where the paper prints it.
 BETTER = "lash_observer"
 ESTIMATOR_TABLE = (
-    ("state-estimator", "lash traversal time, mean error wherever the frames fall", "10 ms", "dskse", "table 3.3", 14.29),
-    ("state-estimator", "lash traversal time, mean error wherever the frames fall", "1 ms", "dskse", "table 3.4", 5.59),
+    ("state-estimator", "lash traversal time, mean error wherever the frames fall", "10 ms", "dskse", "table 3.3",
+     14.29),
+    ("state-estimator", "lash traversal time, mean error wherever the frames fall", "1 ms", "dskse", "table 3.4",
+     5.59),
     ("state-estimator-robustness", "mean error of the lash traversal time, steps and ramps wherever the frames fall",
      "10 ms", "dskse", "figure 3.20", 15.0),
     ("state-estimator-robustness", "largest error of the lash traversal time, steps and ramps wherever the frames fall",
@@ -71,7 +73,8 @@ ESTIMATOR_TABLE = (
     ("size-estimator", "lash size, error after the last tip-in, 4 alpha", "10 ms", "tkbse", "table 4.1", 0.25),
     ("size-estimator", "lash size, error after the last tip-in, 6 alpha", "10 ms", "tkbse", "table 4.1", 0.23),
     ("size-estimator-robustness", "mean error of the lash size, the whole set", "10 ms", "tkbse", "figure 4.24", 3.0),
-    ("size-estimator-robustness", "largest error of the lash size, the whole set", "10 ms", "tkbse", "figure 4.24", 8.0),
+    ("size-estimator-robustness", "largest error of the lash size, the whole set", "10 ms", "tkbse", "figure 4.24",
+     8.0),
     ("size-estimator-robustness", "largest error of the lash size with jitter", "10 ms", "tkbse", "section 4.3.8", 3.5),
     ("size-estimator-robustness", "true lash size in the 90 % interval, the whole set", "10 ms", None, "", None),
     ("state-estimator-robustness", "lash traversal time in its 90 % interval, the whole set", "10 ms", None, "", None),

@@ -5,7 +5,8 @@
 writes each beside the slave it belongs to, from the model in process; packaging puts it into the
 FMU's documentation. A tip-in in fifth gear from 12 m/s: the requested torque is -30 N.m, from 0.2 s on
 it rises by 250 N.m/s. The first row holds the inputs and outputs at the start; then a row every 10 ms
-holds the inputs of the step that ends there and the outputs at its end. The estimators get the frames of the full-order plant in that run.
+holds the inputs of the step that ends there and the outputs at its end. The estimators get the frames of
+the full-order plant in that run.
 """
 
 from __future__ import annotations

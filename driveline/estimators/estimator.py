@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
 
-from ..kernels import native
-from ..model import Model
+from ..kernel_model import KernelModel
 from ..plants.reduced import LashShaft, three_mass_at_hub
 from ..quantities import InputError, Variable, from_values, parameter_variables, quantity
 
@@ -81,7 +79,7 @@ def estimate(name: str, unit: str, meaning: str, nominal: float | None = None) -
     return Variable(name, unit, meaning, "output", "discrete", nominal=nominal)
 
 
-class Estimator(Model):
+class Estimator(KernelModel):
     """A step function over frames behind the model boundary.
 
     A frame is taken in at every multiple of ``sampling.period`` that a communication step reaches;
@@ -95,27 +93,10 @@ class Estimator(Model):
     """
 
     default_step = 1e-2
-    Parameters: ClassVar[type]
     inputs: ClassVar[tuple[Variable, ...]] = FRAME_INPUTS
-    output_variables: ClassVar[tuple[Variable, ...]] = ()
-    entry_point: ClassVar[str]
     state_size: ClassVar[int]
     work_size: ClassVar[int]
     flank: ClassVar[float] = 0.0
-
-    def __init__(self, defaults: Mapping[str, float], backend: str = "auto") -> None:
-        parameters = from_values(self.Parameters, defaults)
-        self.variables = (*self.inputs, *self.output_variables, *parameter_variables(parameters))
-        super().__init__()
-        for name in defaults:
-            if name in self.index:
-                self.values[self.index[name]] = defaults[name]
-        n_in, n_out = len(self.inputs), len(self.output_variables)
-        self._inputs = self.values[:n_in]
-        self._outputs = self.values[n_in:n_in + n_out]
-        self._kernel = native.load(self.entry_point, backend)
-        if self._kernel.backend == "python":
-            self.log.append(native.describe(backend))
 
     @classmethod
     def defaults_from(cls, vehicle: Any, gear: int = 5) -> dict[str, float]:
@@ -125,12 +106,6 @@ class Estimator(Model):
         full = from_values(FullOrderParameters, vehicle.values)
         driveline = three_mass_at_hub(full, gear, flank=cls.flank)
         return {v.name: v.start for v in parameter_variables(driveline)}
-
-    @property
-    def parameters(self) -> Any:
-        """The parameters as they stand, as an instance of ``Parameters``."""
-        names = [v.name for v in self.variables if v.causality == "parameter"]
-        return from_values(self.Parameters, {name: self.values[self.index[name]] for name in names})
 
     def constants(self, parameters: Any) -> np.ndarray:
         """The numbers the step's kernel needs, as its documentation lays them out."""
@@ -148,14 +123,6 @@ class Estimator(Model):
         self.state = np.zeros(1 + self.state_size)
         self._work = np.zeros(self.work_size)
         self._run = self._kernel.bind(self.state, self._constants, self._work, self._inputs, self._outputs)
-
-    def retune(self) -> None:
-        """Take over tunable parameters changed during a run; the state stays."""
-        if self.state.size:
-            self._check("parameter")
-            state = self.state.copy()
-            self._prepare()
-            self.state[:] = state
 
     def _initialize(self, start_time: float) -> None:
         self.state[0] = np.floor(start_time / self._period + 1e-6)

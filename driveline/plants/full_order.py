@@ -57,7 +57,8 @@ class Solver:
     """How finely a communication step is integrated."""
 
     maximum_substep: float = quantity(
-        "s", "longest Runge-Kutta sub-step; refused where it would be unstable", start=2e-4, minimum=1e-7, maximum=5e-3, nominal=1e-4)
+        "s", "longest Runge-Kutta sub-step; refused where it would be unstable", start=2e-4,
+        minimum=1e-7, maximum=5e-3, nominal=1e-4)
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from ..kernel_model import KernelModel
 from ..kernels import native
 from ..kernels import network as k
-from ..model import Model
-from ..quantities import InputError, Variable, from_values, parameter_variables
+from ..quantities import InputError
 from ..sensors.can_signal import can_signal_state
 from ..sensors.torque_meter import steady_state
 from .assembly import GROUND, Network
@@ -28,43 +28,20 @@ STATUS = {
 }
 
 
-class Plant(Model):
+class Plant(KernelModel):
     """A network of elements behind the model boundary.
 
-    Subclasses give ``Parameters`` (a dataclass of quantities), ``inputs`` and ``output_variables``,
-    and implement ``assemble`` and ``start_speeds``.
-
-    Args:
-        defaults: Start values of parameters by structured name; all of ``Parameters`` that have no
-            default of their own.
-        backend: ``auto``, ``native`` or ``python``; see ``kernels.native``.
+    Subclasses give, beside what a ``KernelModel`` needs, the name of the ``body`` node (the
+    vehicle), and implement ``assemble`` and ``start_speeds``.
     """
 
-    Parameters: ClassVar[type]
-    inputs: ClassVar[tuple[Variable, ...]] = ()
-    output_variables: ClassVar[tuple[Variable, ...]] = ()
+    entry_point = "network_run"
+    body: ClassVar[str]
 
     def __init__(self, defaults: Mapping[str, float], backend: str = "auto") -> None:
-        parameters = from_values(self.Parameters, defaults)
-        self.variables = (*self.inputs, *self.output_variables, *parameter_variables(parameters))
-        super().__init__()
-        for name in defaults:
-            if name in self.index:
-                self.values[self.index[name]] = defaults[name]
-        n_in, n_out = len(self.inputs), len(self.output_variables)
-        self._inputs = self.values[:n_in]
-        self._outputs = self.values[n_in:n_in + n_out]
-        self._kernel = native.load("network_run", backend)
+        super().__init__(defaults, backend)
         self._rates_kernel = native.load("network_rates", backend)
-        if self._kernel.backend == "python":
-            self.log.append(native.describe(backend))
         self.network: Network | None = None
-
-    @property
-    def parameters(self) -> Any:
-        """The parameters as they stand, as an instance of ``Parameters``."""
-        names = [v.name for v in self.variables if v.causality == "parameter"]
-        return from_values(self.Parameters, {name: self.values[self.index[name]] for name in names})
 
     def assemble(self, parameters: Any) -> Network:
         """The network for these parameters."""
@@ -80,15 +57,6 @@ class Plant(Model):
         net = self.network
         self._run = self._kernel.bind(
             self.state, net.plan, net.constants, net.work, self._inputs, self._outputs)
-
-    def retune(self) -> None:
-        """Take over tunable parameters changed during a run; the state stays."""
-        if self.network is None:
-            return
-        self._check("parameter")
-        state = self.state.copy()
-        self._prepare()
-        self.state[:] = state
 
     def _initialize(self, start_time: float) -> None:
         net = self.network
