@@ -15,7 +15,7 @@ import re
 import tempfile
 import uuid
 import zipfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from importlib import metadata
 from pathlib import Path
 
@@ -189,13 +189,6 @@ def write_fmu(destination: Path, model: Model, slave: Path, *, payload: Path = D
     return destination
 
 
-def native_libraries(folder: Path) -> Sequence[Path]:
-    """The compiled kernels for every platform they can be compiled for, as PythonFMU's own binaries."""
-    from driveline.kernels import native
-
-    return native.build(native.TARGETS, folder)
-
-
 def build(out: Path, names: Iterable[str] = tuple(FMUS), vehicle: str = SHIPPED_VEHICLE,
           variant: str | None = SHIPPED_VARIANT, gear: int = SHIPPED_GEAR, suffix: str = "") -> Iterator[Path]:
     """Build FMUs of the table ``FMUS`` into a folder; gives the path of each as it is written.
@@ -212,6 +205,7 @@ def build(out: Path, names: Iterable[str] = tuple(FMUS), vehicle: str = SHIPPED_
         InputError: A name is not in the table, or the vehicle file is wrong.
         driveline.kernels.native.Unavailable: The kernels cannot be compiled here.
     """
+    from driveline.kernels import native
     from driveline.models import MODELS
     from driveline.vehicles import load
 
@@ -219,10 +213,9 @@ def build(out: Path, names: Iterable[str] = tuple(FMUS), vehicle: str = SHIPPED_
     if unknown := set(names) - set(FMUS):
         raise InputError(f"there is no FMU {', '.join(sorted(unknown))}: possible are {', '.join(FMUS)}")
     values = load(vehicle, variant)
-    with tempfile.TemporaryDirectory() as folder:
-        libraries = native_libraries(Path(folder))
-        for name in names:
-            model = MODELS[name](MODELS[name].defaults_from(values, gear))
-            folder = HERE / FMUS[name]
-            slave = folder / f"{folder.name}_slave.py"
-            yield write_fmu(Path(out) / f"{name}{suffix}.fmu", model, slave, libraries=libraries)
+    libraries = native.libraries()
+    for name in names:
+        model = MODELS[name](MODELS[name].defaults_from(values, gear))
+        folder = HERE / FMUS[name]
+        slave = folder / f"{folder.name}_slave.py"
+        yield write_fmu(Path(out) / f"{name}{suffix}.fmu", model, slave, libraries=libraries)

@@ -99,6 +99,22 @@ def build(targets: Iterable[str], out: Path | str) -> list[Path]:
     return libraries
 
 
+def libraries(targets: Iterable[str] = tuple(TARGETS)) -> list[Path]:
+    """The libraries for some targets: from the cache, what is not there built into it together.
+
+    Raises:
+        Unavailable: They cannot be built.
+    """
+    targets = list(targets)
+    _need_tools()
+    folder = _cache() / "kernels" / _fingerprint()
+    paths = [folder / TARGETS[name]["file"] for name in targets]
+    missing = [name for name, path in zip(targets, paths, strict=True) if not _is_whole(path)]
+    if missing:
+        build(missing, folder)
+    return paths
+
+
 def library() -> Path:
     """The library for this machine: from the cache, or built into it.
 
@@ -108,12 +124,7 @@ def library() -> Path:
     machine = this_machine()
     if machine not in TARGETS:
         raise Unavailable(f"the kernels are not compiled for {machine}, only for {', '.join(TARGETS)}")
-    _need_tools()
-    folder = _cache() / "kernels" / _fingerprint()
-    path = folder / TARGETS[machine]["file"]
-    if not _is_whole(path):
-        build([machine], folder)
-    return path
+    return libraries([machine])[0]
 
 
 def _need_tools() -> None:

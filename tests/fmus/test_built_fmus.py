@@ -14,6 +14,7 @@ from fmpy.validation import validate_fmu
 from lxml import etree
 
 from driveline.estimators import ESTIMATORS
+from driveline.kernels import native
 from driveline.models import MODELS, SHIPPED_VARIANT, SHIPPED_VEHICLE
 from driveline.vehicles import load as load_vehicle
 from fmus import packaging
@@ -184,7 +185,7 @@ def test_the_script_builds_the_same_bytes_again(fmus, tmp_path):
 
 
 def test_an_fmu_can_bear_another_name_and_gear(tmp_path, monkeypatch):
-    monkeypatch.setattr(packaging, "native_libraries", lambda folder: [])
+    monkeypatch.setattr(native, "libraries", lambda: [])
     path, = packaging.build(tmp_path, ["plant_fom"], gear=3, suffix="_extended")
     described = fmpy.read_model_description(str(path))
     assert path.name == "plant_fom_extended.fmu"
