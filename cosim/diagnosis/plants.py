@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cosim.diagnosis.observation import DEFAULTS, observe
+from cosim.diagnosis.observation import observe
 from cosim.measured import Manoeuvre, Measurement
 from driveline import vehicles
 from driveline.plants.full_order import FullOrderPlant
@@ -44,6 +44,9 @@ class Nuisance:
     start_speed: float = 0.0
     grade: float = 0.0
     torque: float = 0.0
+
+
+NONE = Nuisance()
 
 
 @dataclass(frozen=True)
@@ -103,7 +106,9 @@ class FullOrderCar:
                  changes: Mapping[str, float] | None = None) -> None:
         self.vehicle, self.variant = vehicle, variant
         self.source = vehicles.load(vehicle, variant)
-        self.values: dict[str, float] = DEFAULTS | FullOrderPlant.defaults_from(self.source) | dict(changes or {})
+        self.values: dict[str, float] = FullOrderPlant.defaults_from(self.source) | dict(changes or {})
+        # three sub-steps in a step: what the driveline does up to 100 Hz does not change by it
+        self.values["solver.maximum_substep"] = STEP / 3.0
         self._plant = FullOrderPlant(self.values)
         self._names = [variable.name for variable in self._plant.output_variables]
         self._parameters = {v.name for v in self._plant.variables if v.causality == "parameter"}
@@ -113,8 +118,26 @@ class FullOrderCar:
     def __reduce__(self) -> tuple:
         return FullOrderCar, (self.vehicle, self.variant, self.values)
 
-    def raw(self, values: Mapping[str, float], run: Run, nuisance: Nuisance = Nuisance()) -> dict[str, np.ndarray]:
+    @property
+    def units(self) -> dict[str, str]:
+        """SI unit of every parameter of the plant."""
+        return {v.name: v.unit for v in self._plant.variables if v.causality == "parameter"}
+
+    @property
+    def idle_inputs(self) -> np.ndarray:
+        """Every input at its start value."""
+        return np.array([variable.start for variable in self._plant.inputs])
+
+    def knows(self, name: str) -> bool:
+        """Whether a value of this name does anything here: of the plant, an input or an instrument."""
+        return name in self._parameters or name.startswith(("input.", "observe."))
+
+    def raw(self, values: Mapping[str, float], run: Run, nuisance: Nuisance = NONE,
+            torque: np.ndarray | float = 0.0) -> dict[str, np.ndarray]:
         """All outputs of the plant over ``run.time``, without instruments.
+
+        Args:
+            torque: Added to the engine torque at every step [N.m].
 
         Raises:
             ArithmeticError: The simulation left the finite numbers.
@@ -125,7 +148,10 @@ class FullOrderCar:
             plant.values[plant.index[name]] = values[name]
         inputs = run.inputs.copy()
         columns = {variable.name: i for i, variable in enumerate(plant.inputs)}
-        inputs[:, columns["engine_torque"]] += nuisance.torque
+        for name, i in columns.items():
+            inputs[:, i] = (inputs[:, i] * values.get(f"input.{name}.gain", 1.0)
+                            + values.get(f"input.{name}.offset", 0.0))
+        inputs[:, columns["engine_torque"]] += nuisance.torque + torque
         inputs[:, columns["road_grade"]] += nuisance.grade
         plant["start.vehicle_speed"] = run.start_speed + nuisance.start_speed
         for name, i in columns.items():
@@ -134,11 +160,15 @@ class FullOrderCar:
         table = plant.simulate(inputs, STEP, run.start)
         return {name: table[:, i] for i, name in enumerate(self._names)}
 
-    def predict(self, values: Mapping[str, float], run: Run, nuisance: Nuisance = Nuisance()) -> np.ndarray:
-        """What the channels of ``run`` should read, stacked as ``run.stacked``; errors as ``raw``."""
-        raw = self.raw(values, run, nuisance)
+    def instruments(self, raw: Mapping[str, np.ndarray], values: Mapping[str, float], run: Run) -> np.ndarray:
+        """What the channels of ``run`` read of the plant's outputs, stacked as ``run.stacked``."""
         time = run.time
-        return np.concatenate([observe(raw, time, values, name, clock) for name, clock in run.clocks.items()])
+        return np.concatenate([observe(raw, time, values, name, clock)
+                               for name, clock in run.clocks.items()])
+
+    def predict(self, values: Mapping[str, float], run: Run, nuisance: Nuisance = NONE) -> np.ndarray:
+        """What the channels of ``run`` should read, stacked as ``run.stacked``; errors as ``raw``."""
+        return self.instruments(self.raw(values, run, nuisance), values, run)
 
     def runs(self, measurement: Measurement) -> list[Run]:
         """The manoeuvres of a measurement, long ones cut into stretches of one gear.
@@ -195,7 +225,7 @@ class FullOrderCar:
     def _run(self, manoeuvre: Manoeuvre, present: Sequence[str], name: str, start: float,
              stop: float) -> Run | None:
         time = start + STEP * np.arange(int((stop - start) / STEP))
-        inputs = np.tile([v.start for v in self._plant.inputs], (time.size, 1))
+        inputs = np.tile(self.idle_inputs, (time.size, 1))
         for i, variable in enumerate(self._plant.inputs):
             if variable.name in manoeuvre:
                 inputs[:, i] = manoeuvre[variable.name].at(time)

@@ -1,0 +1,154 @@
+"""The extended vehicle file and plant FMU, and what they gain on recordings that were never used."""
+
+from __future__ import annotations
+
+import logging
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from cosim.diagnosis.observation import observe
+from cosim.diagnosis.plants import STEP, Run
+from cosim.files import write_text
+from cosim.master import Master
+from cosim.signals import Table
+from driveline import vehicles
+from driveline.vehicles import Vehicle
+
+log = logging.getLogger("cosim")
+EXTENDED = "extended.toml"
+_SECTION = re.compile(r"^\s*\[([^\]]+)\]\s*(#.*)?$")
+
+
+def changed_values(nominal: Mapping[str, float], extended: Mapping[str, float]) -> dict[str, float]:
+    """Parameters of the plant that differ; errors of sensors and inputs are no part of a vehicle."""
+    return {name: value for name, value in extended.items()
+            if not name.startswith(("observe.", "input.")) and value != nominal.get(name)}
+
+
+def write_vehicle(source: Vehicle, changes: Mapping[str, float], unit_of: Mapping[str, str], why: str,
+                  path: Path) -> Path:
+    """A vehicle file with all values of ``source``, those of ``changes`` in SI replaced or added.
+
+    Args:
+        source: The vehicle, its variant applied.
+        changes: Structured name to SI value.
+        unit_of: SI unit of every parameter.
+        why: Source of the changed values.
+        path: Where it goes.
+    """
+    tables: dict[str, dict[str, list[tuple[float, str]]]] = {}
+    values = dict(source.values) | dict(changes)
+    for name, value in values.items():
+        section, _, key = name.partition(".")
+        bare, _, _ = key.partition("[")
+        origin = why if name in changes else source.sources[name]
+        tables.setdefault(section, {}).setdefault(bare, []).append((value, origin))
+    lines = [f"# {source.name} ({source.variant}), extended: {why}. All values in SI.", ""]
+    for section, entries in tables.items():
+        lines.append(f"[{section}]")
+        for key, rows in entries.items():
+            unit = _spelled(unit_of.get(f"{section}.{key}", unit_of.get(f"{section}.{key}[1]", "1")))
+            origin = next((o for _, o in rows if o == why), rows[0][1]).replace("\\", "/").replace('"', "'")
+            table = f"{section}.{key}[1]" in values
+            number = f"values = [{', '.join(repr(v) for v, _ in rows)}]" if table else f"value = {rows[0][0]!r}"
+            lines.append(f'{key} = {{ {number}, unit = "{unit}", source = "{origin}" }}')
+        lines.append("")
+    write_text(path, "\n".join(lines))
+    vehicles.load(path)  # whoever reads it next shall have no surprise
+    return path
+
+
+def _spelled(unit: str) -> str:
+    return unit or "1"
+
+
+@dataclass(frozen=True)
+class Gain:
+    """How far a recording is from the plant before and after it was extended.
+
+    Attributes:
+        run, signal: Which.
+        nrmse_before, nrmse_after, noise_floor: Root mean square error over the measured range.
+    """
+
+    run: str
+    signal: str
+    nrmse_before: float
+    nrmse_after: float
+    noise_floor: float
+
+
+def co_simulate(fmu: Path, parameters: Mapping[str, float], run: Run,
+                start_speed: float) -> dict[str, np.ndarray]:
+    """Outputs of a plant FMU in one run, through the master; on ``run.time``.
+
+    Args:
+        fmu: Path of the FMU.
+        parameters: What is not as it was built.
+        run: Its inputs are held over each step.
+        start_speed: Of the vehicle [m/s].
+    """
+    from driveline.plants.full_order import FullOrderPlant
+
+    names = [variable.name for variable in FullOrderPlant.inputs]
+    master = Master(step=STEP)
+    master.add("plant", fmu, parameters={**parameters, "start.vehicle_speed": start_speed})
+    time = run.start + STEP * np.arange(len(run.inputs))
+    for i, name in enumerate(names):
+        column = run.inputs[:, i]
+        if np.ptp(column) > 0.0:
+            discrete = name == "gear"
+            master.connect(Table(times=time, data=column, unit="1" if discrete else _unit(name),
+                                 interpolation="hold"), f"plant.{name}")
+        else:
+            master.connect(int(column[0]) if name == "gear" else float(column[0]), f"plant.{name}")
+    master.record("plant.*")
+    result = master.run(start=run.start, stop=run.start + STEP * (len(run.inputs)))
+    return {name.removeprefix("plant."): np.interp(run.time, result.time, result[name]) for name in result.names}
+
+
+def _unit(name: str) -> str:
+    from driveline.plants.full_order import FullOrderPlant
+
+    return next(v.unit for v in FullOrderPlant.inputs if v.name == name)
+
+
+def errors(run: Run, raw: Mapping[str, np.ndarray], values: Mapping[str, float]) -> dict[str, float]:
+    """Root mean square error of every channel over its measured range."""
+    found = {}
+    for name, clock in run.clocks.items():
+        error = run.measured[name] - observe(raw, run.time, values, name, clock)
+        found[name] = float(np.sqrt(np.mean(error**2)) / np.ptp(run.measured[name]))
+    return found
+
+
+def gain(runs: Iterable[Run], simulate: Callable[[bool, Run], Mapping[str, np.ndarray]],
+         values: tuple[Mapping[str, float], Mapping[str, float]], floors: Mapping[str, float]) -> list[Gain]:
+    """Errors before and after on recordings that were not used.
+
+    Args:
+        simulate: ``(extended, run) -> outputs on run.time``.
+        values: Before and after; what matters are the instruments.
+        floors: Noise floor of each channel.
+    """
+    rows = []
+    for run in runs:
+        before, after = (errors(run, simulate(extended, run), values[extended]) for extended in (False, True))
+        rows += [Gain(run.name, name, before[name], after[name], floors[name] / float(np.ptp(run.measured[name])))
+                 for name in run.clocks if name in floors]
+    return rows
+
+
+def with_inputs(run: Run, values: Mapping[str, float]) -> Run:
+    """The run with its inputs as they really were, as far as ``values`` know."""
+    from driveline.plants.full_order import FullOrderPlant
+
+    inputs = run.inputs.copy()
+    for i, variable in enumerate(FullOrderPlant.inputs):
+        inputs[:, i] = (inputs[:, i] * values.get(f"input.{variable.name}.gain", 1.0)
+                        + values.get(f"input.{variable.name}.offset", 0.0))
+    return replace(run, inputs=inputs)
