@@ -1,20 +1,15 @@
-"""Which plant a measurement belongs to, and how one recording is driven through it in process.
-
-A ``Run`` is one stretch of a recording made ready for simulation; a plant turns values (parameters of the
-plant and of its sensors, by structured name) and nuisances (start speed, grade, torque bias of that run)
-into what the measured channels should read on their own clocks.
-"""
+"""The full-order plant as a car on the road with the instruments of a test car."""
 
 from __future__ import annotations
 
 import dataclasses
 import logging
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from cosim.diagnosis.observation import observe
+from cosim.diagnosis.plants.run import NONE, STEP, Nuisance, Run
 from cosim.measured import Manoeuvre, Measurement
 from driveline import vehicles
 from driveline.plants.full_order import FullOrderPlant
@@ -22,73 +17,12 @@ from driveline.quantities import InputError
 
 log = logging.getLogger("cosim")
 
-STEP = 1e-3  # communication step of the simulations [s]
 SETTLE = 0.3  # what is not compared after the start [s]: the plant starts rolling steadily, the car need not
 LONGEST = 15.0  # a longer recording is cut [s]: start speed and grade are constant within a run
 RUNS = 6  # at most so many stretches of one long recording
 CHANNELS = ("engine_speed", "turbine_speed", "transmission_output_speed", "wheel_speed", "vehicle_speed",
             "propeller_shaft_torque", "seat_acceleration", "differential_acceleration")
 _RATE = 500.0  # Hz: channels that are sampled faster are thinned, as the driveline does nothing up there
-
-
-@dataclass(frozen=True)
-class Nuisance:
-    """What differs from run to run and is no cause: always estimated beside one.
-
-    Attributes:
-        start_speed: Added to the vehicle speed at the start [m/s].
-        grade: Added to the road's slope [rad].
-        torque: Added to the engine torque [N.m].
-    """
-
-    start_speed: float = 0.0
-    grade: float = 0.0
-    torque: float = 0.0
-
-
-NONE = Nuisance()
-
-
-@dataclass(frozen=True)
-class Run:
-    """One stretch of a recording, ready to be simulated.
-
-    Attributes:
-        name: Of the manoeuvre, with a number where it was cut.
-        kind: Of the manoeuvre.
-        gear: At the start.
-        start: Begin of the simulation [s] on the recording's clock.
-        inputs: Steps x inputs of the plant.
-        start_speed: Vehicle speed at the start as far as it was measured [m/s].
-        clocks: Instants [s] at which each channel is compared.
-        measured: Values of each channel at these.
-    """
-
-    name: str
-    kind: str
-    gear: int
-    start: float
-    inputs: np.ndarray
-    start_speed: float
-    clocks: Mapping[str, np.ndarray]
-    measured: Mapping[str, np.ndarray]
-
-    @property
-    def time(self) -> np.ndarray:
-        """Instants [s] of the simulated outputs."""
-        return self.start + STEP * np.arange(1, len(self.inputs) + 1)
-
-    @property
-    def slices(self) -> dict[str, slice]:
-        """Where each channel lies in ``stacked`` vectors."""
-        ends = np.cumsum([clock.size for clock in self.clocks.values()])
-        return {name: slice(int(end - clock.size), int(end))
-                for (name, clock), end in zip(self.clocks.items(), ends)}
-
-    @property
-    def stacked(self) -> np.ndarray:
-        """All measured values, channel after channel."""
-        return np.concatenate([self.measured[name] for name in self.clocks])
 
 
 class FullOrderCar:

@@ -1,0 +1,70 @@
+"""One stretch of a recording made ready for simulation, and what differs from one to the next."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+STEP = 1e-3  # communication step of the simulations [s]
+
+
+@dataclass(frozen=True)
+class Nuisance:
+    """What differs from run to run and is no cause: always estimated beside one.
+
+    Attributes:
+        start_speed: Added to the vehicle speed at the start [m/s].
+        grade: Added to the road's slope [rad].
+        torque: Added to the engine torque [N.m].
+    """
+
+    start_speed: float = 0.0
+    grade: float = 0.0
+    torque: float = 0.0
+
+
+NONE = Nuisance()
+
+
+@dataclass(frozen=True)
+class Run:
+    """One stretch of a recording, ready to be simulated.
+
+    Attributes:
+        name: Of the manoeuvre, with a number where it was cut.
+        kind: Of the manoeuvre.
+        gear: At the start.
+        start: Begin of the simulation [s] on the recording's clock.
+        inputs: Steps x inputs of the plant.
+        start_speed: Vehicle speed at the start as far as it was measured [m/s].
+        clocks: Instants [s] at which each channel is compared.
+        measured: Values of each channel at these.
+    """
+
+    name: str
+    kind: str
+    gear: int
+    start: float
+    inputs: np.ndarray
+    start_speed: float
+    clocks: Mapping[str, np.ndarray]
+    measured: Mapping[str, np.ndarray]
+
+    @property
+    def time(self) -> np.ndarray:
+        """Instants [s] of the simulated outputs."""
+        return self.start + STEP * np.arange(1, len(self.inputs) + 1)
+
+    @property
+    def slices(self) -> dict[str, slice]:
+        """Where each channel lies in ``stacked`` vectors."""
+        ends = np.cumsum([clock.size for clock in self.clocks.values()])
+        return {name: slice(int(end - clock.size), int(end))
+                for (name, clock), end in zip(self.clocks.items(), ends)}
+
+    @property
+    def stacked(self) -> np.ndarray:
+        """All measured values, channel after channel."""
+        return np.concatenate([self.measured[name] for name in self.clocks])
