@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from cosim.diagnosis.observation import observe
-from cosim.diagnosis.plants.run import NONE, STEP, Nuisance, Run
+from cosim.diagnosis.plants.base import InstrumentedPlant, compared
+from cosim.diagnosis.plants.run import STEP, Nuisance, Run
 from cosim.measured import Manoeuvre, Measurement
-from driveline import vehicles
 from driveline.plants.full_order import FullOrderPlant
 from driveline.quantities import InputError
 
@@ -20,89 +19,19 @@ log = logging.getLogger("cosim")
 SETTLE = 0.3  # what is not compared after the start [s]: the plant starts rolling steadily, the car need not
 LONGEST = 15.0  # a longer recording is cut [s]: start speed and grade are constant within a run
 RUNS = 6  # at most so many stretches of one long recording
-CHANNELS = ("engine_speed", "turbine_speed", "transmission_output_speed", "wheel_speed", "vehicle_speed",
-            "propeller_shaft_torque", "seat_acceleration", "differential_acceleration")
-_RATE = 500.0  # Hz: channels that are sampled faster are thinned, as the driveline does nothing up there
 
 
-class FullOrderCar:
-    """The full-order plant with the instruments of a test car.
-
-    Args:
-        vehicle: Name or path of the vehicle file.
-        variant: Variant of it, or None.
-        changes: Values that replace those of the file.
-    """
+class FullOrderCar(InstrumentedPlant):
+    """The full-order plant with the instruments of a test car."""
 
     name = "plant_fom"
+    plant = FullOrderPlant
+    driver = "engine_torque"
+    channels = ("engine_speed", "turbine_speed", "transmission_output_speed", "wheel_speed", "vehicle_speed",
+                "propeller_shaft_torque", "seat_acceleration", "differential_acceleration")
 
-    def __init__(self, vehicle: str, variant: str | None = None,
-                 changes: Mapping[str, float] | None = None) -> None:
-        self.vehicle, self.variant = vehicle, variant
-        self.source = vehicles.load(vehicle, variant)
-        self.values: dict[str, float] = FullOrderPlant.defaults_from(self.source) | dict(changes or {})
-        # three sub-steps in a step: what the driveline does up to 100 Hz does not change by it
-        self.values["solver.maximum_substep"] = STEP / 3.0
-        self._plant = FullOrderPlant(self.values)
-        self._names = [variable.name for variable in self._plant.output_variables]
-        self._parameters = {v.name for v in self._plant.variables if v.causality == "parameter"}
-        # as built: defaults of parameters the file need not give
-        self.values = {v.name: v.start for v in self._plant.variables if v.causality == "parameter"} | self.values
-
-    def __reduce__(self) -> tuple:
-        return FullOrderCar, (self.vehicle, self.variant, self.values)
-
-    @property
-    def units(self) -> dict[str, str]:
-        """SI unit of every parameter of the plant."""
-        return {v.name: v.unit for v in self._plant.variables if v.causality == "parameter"}
-
-    @property
-    def idle_inputs(self) -> np.ndarray:
-        """Every input at its start value."""
-        return np.array([variable.start for variable in self._plant.inputs])
-
-    def knows(self, name: str) -> bool:
-        """Whether a value of this name does anything here: of the plant, an input or an instrument."""
-        return name in self._parameters or name.startswith(("input.", "observe."))
-
-    def raw(self, values: Mapping[str, float], run: Run, nuisance: Nuisance = NONE,
-            torque: np.ndarray | float = 0.0) -> dict[str, np.ndarray]:
-        """All outputs of the plant over ``run.time``, without instruments.
-
-        Args:
-            torque: Added to the engine torque at every step [N.m].
-
-        Raises:
-            ArithmeticError: The simulation left the finite numbers.
-            InputError: A value the plant refuses.
-        """
-        plant = self._plant
-        for name in self._parameters:
-            plant.values[plant.index[name]] = values[name]
-        inputs = run.inputs.copy()
-        columns = {variable.name: i for i, variable in enumerate(plant.inputs)}
-        for name, i in columns.items():
-            inputs[:, i] = (inputs[:, i] * values.get(f"input.{name}.gain", 1.0)
-                            + values.get(f"input.{name}.offset", 0.0))
-        inputs[:, columns["engine_torque"]] += nuisance.torque + torque
-        inputs[:, columns["road_grade"]] += nuisance.grade
-        plant["start.vehicle_speed"] = run.start_speed + nuisance.start_speed
-        for name, i in columns.items():
-            plant[name] = inputs[0, i]
-        plant.initialize()
-        table = plant.simulate(inputs, STEP, run.start)
-        return {name: table[:, i] for i, name in enumerate(self._names)}
-
-    def instruments(self, raw: Mapping[str, np.ndarray], values: Mapping[str, float], run: Run) -> np.ndarray:
-        """What the channels of ``run`` read of the plant's outputs, stacked as ``run.stacked``."""
-        time = run.time
-        return np.concatenate([observe(raw, time, values, name, clock)
-                               for name, clock in run.clocks.items()])
-
-    def predict(self, values: Mapping[str, float], run: Run, nuisance: Nuisance = NONE) -> np.ndarray:
-        """What the channels of ``run`` should read, stacked as ``run.stacked``; errors as ``raw``."""
-        return self.instruments(self.raw(values, run, nuisance), values, run)
+    def _start(self, run: Run, nuisance: Nuisance) -> None:
+        self._plant["start.vehicle_speed"] = run.start_speed + nuisance.start_speed
 
     def runs(self, measurement: Measurement) -> list[Run]:
         """The manoeuvres of a measurement, long ones cut into stretches of one gear.
@@ -117,17 +46,12 @@ class FullOrderCar:
         return found
 
     def _cut(self, manoeuvre: Manoeuvre) -> list[Run]:
-        if "engine_torque" not in manoeuvre:
-            raise InputError(f"manoeuvre '{manoeuvre.name}' has no channel 'engine_torque': without what drives "
-                             "the plant nothing can be simulated")
-        present = [name for name in CHANNELS if name in manoeuvre]
+        self._driven(manoeuvre)
+        present = [name for name in self.channels if name in manoeuvre]
         if not any(name.endswith("speed") for name in present):
             raise InputError(f"manoeuvre '{manoeuvre.name}' has no speed: at least one of "
-                             f"{', '.join(CHANNELS[:5])} is needed")
-        start, stop = manoeuvre.start, manoeuvre.stop
-        if stop - start < 2.0:
-            raise InputError(f"manoeuvre '{manoeuvre.name}': all channels together are there for "
-                             f"{max(stop - start, 0.0):.2g} s; at least 2 s are needed")
+                             f"{', '.join(self.channels[:5])} is needed")
+        start, stop = self._span(manoeuvre)
         if stop - start <= LONGEST and "gear" not in manoeuvre:
             run = self._run(manoeuvre, present, manoeuvre.name, start, stop)
             return [run] if run else []
@@ -158,28 +82,15 @@ class FullOrderCar:
 
     def _run(self, manoeuvre: Manoeuvre, present: Sequence[str], name: str, start: float,
              stop: float) -> Run | None:
-        time = start + STEP * np.arange(int((stop - start) / STEP))
-        inputs = np.tile(self.idle_inputs, (time.size, 1))
-        for i, variable in enumerate(self._plant.inputs):
-            if variable.name in manoeuvre:
-                inputs[:, i] = manoeuvre[variable.name].at(time)
-        columns = [variable.name for variable in self._plant.inputs]
-        gear = int(inputs[0, columns.index("gear")]) if "gear" in manoeuvre else manoeuvre.gear
+        inputs, columns = self._inputs(manoeuvre, start, stop), self.columns
+        gear = int(inputs[0, columns["gear"]]) if "gear" in manoeuvre else manoeuvre.gear
         if gear is None:
             gear = self._gear(manoeuvre, start, stop)
-        inputs[:, columns.index("gear")] = gear
+        inputs[:, columns["gear"]] = gear
         speed = self._start_speed(manoeuvre, gear, start)
         if gear < 1 or not speed > 1.0:
             return None
-        clocks, measured = {}, {}
-        for channel_name in present:
-            channel = manoeuvre[channel_name]
-            inside = np.flatnonzero((channel.time >= start + SETTLE) & (channel.time <= time[-1]))
-            if inside.size < 10:
-                continue
-            rate = (inside.size - 1) / max(np.ptp(channel.time[inside]), 1e-9)
-            inside = inside[::max(1, round(rate / _RATE))]
-            clocks[channel_name], measured[channel_name] = channel.time[inside], channel.values[inside]
+        clocks, measured = compared(manoeuvre, present, start + SETTLE, start + STEP * (len(inputs) - 1))
         return Run(name, manoeuvre.kind, gear, start, inputs, speed, clocks, measured)
 
     def _overall(self, gear: int) -> float:

@@ -1,0 +1,171 @@
+"""What every plant under diagnosis has in common: its numbers, its instruments, and how a recording drives it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from cosim.diagnosis.observation import observe
+from cosim.diagnosis.plants.run import NONE, STEP, Nuisance, Run
+from cosim.measured import Manoeuvre, Measurement
+from driveline import vehicles
+from driveline.plants.plant import Plant
+from driveline.quantities import InputError
+
+_RATE = 500.0  # Hz: channels that are sampled faster are thinned, as the driveline does nothing up there
+
+
+class InstrumentedPlant:
+    """A plant in process with the instruments that were on it.
+
+    Subclasses name the plant and the channels, and give ``_start`` and ``runs``.
+
+    Args:
+        vehicle: Name or path of the vehicle file.
+        variant: Variant of it, or None.
+        changes: Values that replace those of the file.
+
+    Attributes:
+        name: Of the plant, as in ``driveline.models``.
+        plant: Its class.
+        driver: The input that drives it, to which the torque nuisance is added.
+        channels: Canonical names of what may be compared.
+        values: Every parameter of the plant as the vehicle file has it.
+    """
+
+    name: ClassVar[str]
+    plant: ClassVar[type[Plant]]
+    driver: ClassVar[str]
+    channels: ClassVar[tuple[str, ...]]
+
+    def __init__(self, vehicle: str, variant: str | None = None,
+                 changes: Mapping[str, float] | None = None) -> None:
+        self.vehicle, self.variant = vehicle, variant
+        self.source = vehicles.load(vehicle, variant)
+        self.values: dict[str, float] = self.plant.defaults_from(self.source) | dict(changes or {})
+        # three sub-steps in a step: what the driveline does up to 100 Hz does not change by it
+        self.values["solver.maximum_substep"] = STEP / 3.0
+        self._plant = self.plant(self.values)
+        self._names = [variable.name for variable in self._plant.output_variables]
+        self._parameters = {v.name for v in self._plant.variables if v.causality == "parameter"}
+        # as built: defaults of parameters the file need not give
+        self.values = {v.name: v.start for v in self._plant.variables if v.causality == "parameter"} | self.values
+
+    def __reduce__(self) -> tuple:
+        return type(self), (self.vehicle, self.variant, self.values)
+
+    @property
+    def units(self) -> dict[str, str]:
+        """SI unit of every parameter of the plant."""
+        return {v.name: v.unit for v in self._plant.variables if v.causality == "parameter"}
+
+    @property
+    def columns(self) -> dict[str, int]:
+        """The column of each input in ``Run.inputs``."""
+        return {variable.name: i for i, variable in enumerate(self._plant.inputs)}
+
+    @property
+    def idle_inputs(self) -> np.ndarray:
+        """Every input at its start value."""
+        return np.array([variable.start for variable in self._plant.inputs])
+
+    def knows(self, name: str) -> bool:
+        """Whether a value of this name does anything here: of the plant, an input or an instrument."""
+        return name in self._parameters or name.startswith(("input.", "observe."))
+
+    def raw(self, values: Mapping[str, float], run: Run, nuisance: Nuisance = NONE,
+            torque: np.ndarray | float = 0.0) -> dict[str, np.ndarray]:
+        """All outputs of the plant over ``run.time``, without instruments.
+
+        Args:
+            torque: Added to what drives it at every step [N.m, or N of a carriage].
+
+        Raises:
+            ArithmeticError: The simulation left the finite numbers.
+            InputError: A value the plant refuses.
+        """
+        plant = self._plant
+        for name in self._parameters:
+            plant.values[plant.index[name]] = values[name]
+        inputs, columns = run.inputs.copy(), self.columns
+        for name, i in columns.items():
+            inputs[:, i] = (inputs[:, i] * values.get(f"input.{name}.gain", 1.0)
+                            + values.get(f"input.{name}.offset", 0.0))
+        inputs[:, columns[self.driver]] += nuisance.torque + torque
+        if "road_grade" in columns:
+            inputs[:, columns["road_grade"]] += nuisance.grade
+        self._start(run, nuisance)
+        for name, i in columns.items():
+            plant[name] = inputs[0, i]
+        plant.initialize()
+        table = plant.simulate(inputs, STEP, run.start)
+        return {name: table[:, i] for i, name in enumerate(self._names)}
+
+    def instruments(self, raw: Mapping[str, np.ndarray], values: Mapping[str, float], run: Run) -> np.ndarray:
+        """What the channels of ``run`` read of the plant's outputs, stacked as ``run.stacked``."""
+        time = run.time
+        return np.concatenate([observe(raw, time, values, name, clock)
+                               for name, clock in run.clocks.items()])
+
+    def predict(self, values: Mapping[str, float], run: Run, nuisance: Nuisance = NONE) -> np.ndarray:
+        """What the channels of ``run`` should read, stacked as ``run.stacked``; errors as ``raw``."""
+        return self.instruments(self.raw(values, run, nuisance), values, run)
+
+    def runs(self, measurement: Measurement) -> list[Run]:
+        """The manoeuvres of a measurement, long ones cut into stretches.
+
+        Raises:
+            InputError: What drives the plant or every output is missing, or there is nothing to compare.
+        """
+        raise NotImplementedError
+
+    def _start(self, run: Run, nuisance: Nuisance) -> None:
+        """Set the plant's start parameters."""
+        raise NotImplementedError
+
+    def _span(self, manoeuvre: Manoeuvre) -> tuple[float, float]:
+        """From when to when [s] all channels are there together.
+
+        Raises:
+            InputError: Less than 2 s.
+        """
+        start, stop = manoeuvre.start, manoeuvre.stop
+        if stop - start < 2.0:
+            raise InputError(f"manoeuvre '{manoeuvre.name}': all channels together are there for "
+                             f"{max(stop - start, 0.0):.2g} s; at least 2 s are needed")
+        return start, stop
+
+    def _driven(self, manoeuvre: Manoeuvre) -> None:
+        """Raise InputError unless what drives the plant was recorded."""
+        if self.driver not in manoeuvre:
+            raise InputError(f"manoeuvre '{manoeuvre.name}' has no channel '{self.driver}': without what drives "
+                             "the plant nothing can be simulated")
+
+    def _inputs(self, manoeuvre: Manoeuvre, start: float, stop: float) -> np.ndarray:
+        """Steps x inputs from the channels that are inputs; the others at their start values."""
+        time = start + STEP * np.arange(int((stop - start) / STEP))
+        inputs = np.tile(self.idle_inputs, (time.size, 1))
+        for name, i in self.columns.items():
+            if name in manoeuvre:
+                inputs[:, i] = manoeuvre[name].at(time)
+        return inputs
+
+
+def compared(manoeuvre: Manoeuvre, names: Iterable[str], start: float,
+             stop: float) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Clocks and values of the channels between two instants [s], thinned where they are very fast.
+
+    A channel with fewer than ten samples there is left out.
+    """
+    clocks, measured = {}, {}
+    for name in names:
+        channel = manoeuvre[name]
+        inside = np.flatnonzero((channel.time >= start) & (channel.time <= stop))
+        if inside.size < 10:
+            continue
+        rate = (inside.size - 1) / max(np.ptp(channel.time[inside]), 1e-9)
+        inside = inside[::max(1, round(rate / _RATE))]
+        clocks[name], measured[name] = channel.time[inside], channel.values[inside]
+    return clocks, measured
