@@ -1,12 +1,13 @@
-"""What an engineer reads off a recording: shuffle, dead time, lag, overshoot, drift, ratio, orders.
+"""What an engineer reads off a recording: shuffle, dead time, lag, overshoot, drift, loop area, orders, ratios.
 
-Each feature is a number of one channel of one run that can be read off measured and simulated signals
-alike; ``None`` where a recording does not show it.
+Each feature is one number of one channel of one run, read off measured and simulated signals in the same
+way and at the same places; it is absent where a recording does not show it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import itertools
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -14,28 +15,66 @@ import numpy as np
 from scipy.signal import savgol_filter
 
 from cosim.diagnosis.plants import Run
+from cosim.measured import CANONICAL
 
-_RATE = 100.0  # Hz: features are slower
+Key = tuple[str, str]  # signal, feature
+
+_RATE = 200.0  # Hz: features are slower
+_SMOOTH = 0.09  # s: over which a change is taken
 _SHUFFLE = np.arange(1.5, 14.0, 0.15)  # Hz
-_DECAY = np.array([0.3, 0.8, 1.5, 2.5, 4.0, 6.0, 9.0])  # 1/s
-_RINGING = ("propeller_shaft_torque", "engine_speed", "turbine_speed", "seat_acceleration")
+_DECAY = np.geomspace(0.3, 16.0, 13)  # 1/s
+_EDGE = round(0.05 * _RATE)  # samples of the grid at its ends, of which no change can be taken
+_LAGS = np.arange(-32, 33)  # samples of the grid
+_RINGING = ("propeller_shaft_torque", "inline_torque", "engine_speed", "turbine_speed", "motor_speed",
+            "seat_acceleration")
+_TORQUES = ("propeller_shaft_torque", "inline_torque")
+_RATIOS = (("engine_speed", "turbine_speed"), ("turbine_speed", "transmission_output_speed"),
+           ("transmission_output_speed", "wheel_speed"), ("wheel_speed", "vehicle_speed"))
+_ROTATING = ("wheel_speed", "transmission_output_speed", "motor_speed")
 
 
 @dataclass(frozen=True)
 class Feature:
-    """A kind of feature: its words, unit, and whether a difference is best told in per cent."""
+    """A kind of feature.
+
+    Attributes:
+        name: As a finding bears it.
+        unit: SI; ``~`` stands for the channel's own.
+        relative: Whether a difference is best told in per cent.
+        log: Whether it is a size that scatters in proportion to itself.
+        one_sided: Whether only more of it is wrong: it measures a difference already.
+        tolerance: Relative difference between two honest models of one and the same car (distributed or
+            lumped shafts, other tyre and friction laws); what is closer than that is not wrong.
+    """
 
     name: str
     unit: str
-    relative: bool
+    relative: bool = False
+    log: bool = False
+    one_sided: bool = False
+    tolerance: float = 0.0
 
 
 FEATURES = {f.name: f for f in (
-    Feature("shuffle frequency", "Hz", True), Feature("shuffle damping", "1", True),
-    Feature("lag", "s", False), Feature("reversal dead time", "s", True), Feature("overshoot", "", True),
-    Feature("amplitude", "1", True), Feature("level", "", False), Feature("drift", "", False),
-    Feature("speed ratio", "1", True), Feature("firing order content", "", True),
-    Feature("rotation order content", "", True), Feature("loop area", "", True))}
+    Feature("shuffle frequency", "Hz", relative=True, log=True),
+    Feature("lag", "s"),
+    Feature("reversal dead time", "s", relative=True),
+    Feature("speed ratio", "1", relative=True, tolerance=1e-3),
+    Feature("firing order content", "~", one_sided=True),
+    Feature("rotation order content", "~", one_sided=True),
+    Feature("amplitude", "1", relative=True),
+    Feature("shuffle damping", "1", relative=True, log=True),
+    Feature("overshoot", "~", relative=True),
+    Feature("level", "~"),
+    Feature("drift", "~/s"),
+    Feature("loop area", "N2.m2", relative=True, log=True),
+    Feature("waveform", "~", log=True, one_sided=True))}
+
+
+def unit_of(signal: str, feature: str) -> str:
+    """SI unit of a feature of a signal."""
+    own = CANONICAL[signal].unit if signal in CANONICAL else "1"
+    return FEATURES[feature].unit.replace("~", own)
 
 
 @dataclass(frozen=True)
@@ -44,11 +83,14 @@ class Reader:
 
     Args:
         run: The run.
-        reference: Stacked channels that say where things happen: those of the nominal simulation.
+        reference: Stacked channels that lags, amplitudes and waveforms are compared with: the nominal
+            simulation.
+        firing_order: Firings of the engine per revolution of its crankshaft.
     """
 
     run: Run
     reference: np.ndarray
+    firing_order: float = 3.0
 
     @cached_property
     def grid(self) -> np.ndarray:
@@ -58,183 +100,236 @@ class Reader:
         return np.arange(start, stop, 1.0 / _RATE)
 
     @cached_property
-    def torque(self) -> np.ndarray:
-        """Requested engine torque on the grid [N.m]."""
+    def drive(self) -> np.ndarray:
+        """What drives the plant, its first input, on the grid."""
         return np.interp(self.grid, self.run.time, self.run.inputs[:, 0])
 
     @cached_property
     def ringing(self) -> tuple[int, int] | None:
-        """The stretch of the grid after the largest change of torque, until the next: shuffle alone."""
-        change = np.abs(self.torque[10:] - self.torque[:-10])
-        if not change.size or change.max() < 20.0:
+        """The stretch of the grid after the quickest change of the drive, until the next: shuffle alone."""
+        ten = round(0.1 * _RATE)
+        change = np.abs(self.drive[ten:] - self.drive[:-ten])
+        if not change.size or change.max() <= 0.3 * np.ptp(self.drive) or change.max() <= 0.1 * np.abs(
+                self.drive).max():
             return None
-        busy = np.flatnonzero(change > 0.15 * change.max()) + 5
-        breaks = np.flatnonzero(np.diff(busy) > 5)
+        busy = np.flatnonzero(change > 0.15 * change.max()) + ten // 2
+        breaks = np.flatnonzero(np.diff(busy) > ten // 2)
         ends = np.append(busy[breaks], busy[-1])
         nexts = np.append(busy[breaks + 1], self.grid.size)
         length = nexts - ends
-        driving = self.torque[np.minimum(ends + 5, self.torque.size - 1)] > 0
-        best = int(np.argmax(np.minimum(length, 150) + 0.1 * driving))
-        begin = int(ends[best]) + 22  # air path and lash are through
-        end = min(int(nexts[best]) - 2, begin + 160)
-        return (begin, end) if end - begin >= 45 else None
+        driving = self.drive[np.minimum(ends + ten // 2, self.drive.size - 1)] > 0
+        best = int(np.argmax(np.minimum(length, 1.5 * _RATE) + 0.1 * driving))
+        begin = int(ends[best]) + round(0.22 * _RATE)  # air path and lash are through
+        end = min(int(nexts[best]) - 2, begin + round(1.6 * _RATE))
+        return (begin, end) if end - begin >= 0.45 * _RATE else None
+
+    def span(self, feature: str) -> tuple[float, float]:
+        """Where a feature is read: begin and end [s] on the recording's clock."""
+        if feature in ("shuffle frequency", "shuffle damping", "overshoot") and self.ringing:
+            return float(self.grid[self.ringing[0]]), float(self.grid[self.ringing[1] - 1])
+        return float(self.grid[0]), float(self.grid[-1])
 
     @cached_property
-    def _bases(self) -> tuple[np.ndarray, np.ndarray] | None:
+    def _bases(self) -> np.ndarray | None:
+        """Orthonormal damped oscillations over a parabola, five rows each (frequencies * decays * 5, samples)."""
         if self.ringing is None:
             return None
         t = np.arange(self.ringing[1] - self.ringing[0]) / _RATE
-        pairs, bases = [], []
-        for f in _SHUFFLE:
-            for d in _DECAY:
-                envelope = np.exp(-d * t)
-                columns = np.column_stack([np.ones_like(t), t, t**2, envelope * np.cos(2 * np.pi * f * t),
-                                           envelope * np.sin(2 * np.pi * f * t)])
-                bases.append(np.linalg.qr(columns)[0])
-                pairs.append((f, d))
-        return np.array(pairs), np.array(bases)
+        return np.concatenate([np.linalg.qr(np.column_stack([
+            np.ones_like(t), t, t**2, np.exp(-d * t) * np.cos(2.0 * np.pi * f * t),
+            np.exp(-d * t) * np.sin(2.0 * np.pi * f * t)]))[0].T for f, d in itertools.product(_SHUFFLE, _DECAY)])
+
+    @cached_property
+    def _shifted(self) -> dict[str, tuple[np.ndarray, slice]]:
+        """Changes of every channel of the reference, shifted by every lag (lags, samples)."""
+        inner = slice(-_LAGS[0], self.grid.size - _LAGS[-1])
+        found = {}
+        for name, values in self.even(self.reference).items():
+            changes = _changes(values)
+            rows = np.array([np.roll(changes, lag)[inner] for lag in _LAGS])
+            found[name] = rows - rows.mean(axis=1, keepdims=True)
+        return found
 
     def even(self, stacked: np.ndarray) -> dict[str, np.ndarray]:
         """Channels on the grid."""
         return {name: np.interp(self.grid, clock, stacked[self.run.slices[name]])
                 for name, clock in self.run.clocks.items()}
 
-    def read(self, stacked: np.ndarray) -> dict[tuple[str, str], float]:
-        """Every feature that is there, by channel and name."""
+    def read(self, stacked: np.ndarray) -> dict[Key, float]:
+        """Every feature that is there, by signal and name, in SI."""
         channels, reference = self.even(stacked), self.even(self.reference)
-        found: dict[tuple[str, str], float | None] = {}
+        found: dict[Key, float | None] = {}
         for name, values in channels.items():
-            base = reference[name]
             if name in _RINGING:
                 found[(name, "shuffle frequency")], found[(name, "shuffle damping")] = self._shuffle(values)
-            found[(name, "lag")] = _lag(values, base)
-            found[(name, "amplitude")] = _amplitude(values, base)
-            error = values - base
-            found[(name, "level")] = float(np.mean(error)) + float(np.mean(base))
-            slope = np.polyfit(self.grid - self.grid.mean(), values, 1)[0]
+            found[(name, "lag")], found[(name, "amplitude")], _ = self._shift(name, values)
+            if not name.endswith("speed"):  # where a speed starts is fitted, so that its level says nothing
+                found[(name, "level")] = float(np.mean(values))
             if not name.endswith("acceleration"):
-                found[(name, "drift")] = float(slope)
-        if "propeller_shaft_torque" in channels:
-            torque, base = channels["propeller_shaft_torque"], reference["propeller_shaft_torque"]
-            found[("propeller_shaft_torque", "reversal dead time")] = self._dead_time(torque, base)
-            found[("propeller_shaft_torque", "overshoot")] = self._overshoot(torque)
-            if "engine_speed" in channels:
-                found[("propeller_shaft_torque", "loop area")] = _loop(channels["engine_speed"], torque)
-        for over, under in (("engine_speed", "wheel_speed"), ("wheel_speed", "vehicle_speed"),
-                            ("engine_speed", "turbine_speed"), ("turbine_speed", "transmission_output_speed")):
+                found[(name, "drift")] = _slope(self.grid, values)
+            error = values - reference[name]
+            error -= error.mean() + _slope(self.grid, error) * (self.grid - self.grid.mean())
+            found[(name, "waveform")] = float(np.sqrt(np.mean(error**2))) or None
+        for name in _TORQUES:
+            if name in channels:
+                found[(name, "reversal dead time")] = self._dead_time(channels[name], reference[name])
+                found[(name, "overshoot")] = self._overshoot(channels[name])
+                found[(name, "loop area")] = loop_area(self.drive, channels[name]) if self._returns else None
+        for over, under in _RATIOS:
             if over in channels and under in channels:
-                found[(f"{over} over {under}", "speed ratio")] = float(
-                    np.sum(channels[over]) / np.sum(channels[under]))
+                found[(f"{over} over {under}", "speed ratio")] = _ratio(channels[over], channels[under])
         found |= self._orders(stacked)
         return {key: value for key, value in found.items() if value is not None and np.isfinite(value)}
 
+    def shifted_share(self, name: str, stacked: np.ndarray) -> tuple[float, float]:
+        """Misfit of a channel's changes against the reference, and what is left of it after the best shift
+        and scale (mean squares)."""
+        values = self.even(stacked)[name]
+        rows = self._shifted[name]
+        changes = self._centred(values)
+        return float(np.mean((changes - rows[-_LAGS[0]]) ** 2)), self._shift(name, values)[2]
+
+    def _centred(self, values: np.ndarray) -> np.ndarray:
+        changes = _changes(values)[-_LAGS[0]:self.grid.size - _LAGS[-1]]
+        return changes - changes.mean()
+
+    def _shift(self, name: str, values: np.ndarray) -> tuple[float | None, float | None, float]:
+        """How much later [s] and larger than the reference the channel's changes are; what is left."""
+        rows, changes = self._shifted[name], self._centred(values)
+        power = np.sum(rows**2, axis=1)
+        if not np.all(power > 0.0):
+            return None, None, float(np.mean(changes**2))
+        product = rows @ changes
+        explained = np.sign(product) * product**2 / power
+        best = int(np.argmax(explained))
+        lag = _vertex(_LAGS / _RATE, explained, best)
+        left = (float(changes @ changes) - float(np.interp(lag, _LAGS / _RATE, explained))) / changes.size
+        scale = float(np.interp(lag, _LAGS / _RATE, product / power))
+        return lag, scale if scale > 0.0 else None, left
+
     def _shuffle(self, values: np.ndarray) -> tuple[float | None, float | None]:
-        """Frequency [Hz] and damping ratio of a damped sinusoid over a parabola, by variable projection."""
+        """Frequency [Hz] and damping ratio of a damped oscillation over a parabola, by variable projection."""
         if self._bases is None:
             return None, None
-        pairs, bases = self._bases
         y = values[slice(*self.ringing)]
-        flat = y - np.polyval(np.polyfit(np.arange(y.size), y, 2), np.arange(y.size))
-        energy = np.sum((bases.transpose(0, 2, 1) @ y) ** 2, axis=1)
-        explained = (energy - (y @ y - flat @ flat)).reshape(_SHUFFLE.size, _DECAY.size)
+        x = np.linspace(-1.0, 1.0, y.size)
+        flat = y - np.polyval(np.polyfit(x, y, 2), x)
+        energy = np.sum((self._bases @ (y - y.mean())).reshape(-1, 5) ** 2, axis=1)
+        slow = float((y - y.mean()) @ (y - y.mean()) - flat @ flat)
+        explained = (energy - slow).reshape(_SHUFFLE.size, _DECAY.size)
         i, j = np.unravel_index(int(np.argmax(explained)), explained.shape)
-        if explained[i, j] < 0.5 * float(flat @ flat):
+        if explained[i, j] < 0.5 * float(flat @ flat) or i in (0, _SHUFFLE.size - 1):
             return None, None
-        f = _vertex(_SHUFFLE, explained[:, j], i)
-        d = float(np.exp(_vertex(np.log(_DECAY), explained[i], j)))
-        return f, d / float(np.hypot(d, 2.0 * np.pi * f))
+        frequency = _vertex(_SHUFFLE, explained[:, j], i)
+        decay = float(np.exp(_vertex(np.log(_DECAY), explained[i], j)))
+        return frequency, decay / float(np.hypot(decay, 2.0 * np.pi * frequency))
 
     def _dead_time(self, torque: np.ndarray, reference: np.ndarray) -> float | None:
         """How long the torque stays near zero in reversals [s], all together."""
-        band = 0.04 * float(np.ptp(reference)) + 4.0
+        band = 0.05 * float(np.ptp(reference))
         if reference.min() > -band or reference.max() < band:
             return None
-        smooth = np.interp(np.arange(0, torque.size, 0.2), np.arange(torque.size), torque)
-        return float(np.sum(np.abs(smooth) < band)) / (5.0 * _RATE)
+        fine = np.interp(np.arange(0.0, torque.size - 1, 0.1), np.arange(torque.size), torque)
+        return float(np.sum(np.abs(fine) < band)) / (10.0 * _RATE)
 
     def _overshoot(self, torque: np.ndarray) -> float | None:
-        """Largest torque over what it settles at after the largest step [N.m]."""
+        """Largest torque over what it settles at, after the quickest change."""
         if self.ringing is None:
             return None
         begin, end = self.ringing
         settled = float(np.mean(torque[(begin + end) // 2:end]))
-        around = torque[max(0, begin - 40):end]
-        return float(np.max(around) if settled > 0 else -np.min(around)) - abs(settled)
+        around = torque[max(0, begin - round(0.2 * _RATE)):end]
+        return float(np.max(around) if settled > 0.0 else -np.min(around)) - abs(settled)
 
-    def _orders(self, stacked: np.ndarray) -> Mapping[tuple[str, str], float]:
-        """Amplitude at the third order of the crank in fast channels, at the first of the wheel in its speed."""
-        found: dict[tuple[str, str], float] = {}
-        if "engine_speed" in self.run.clocks:
-            speed = self.run.measured["engine_speed"]
-            found |= self._order("propeller_shaft_torque", "firing order content", stacked, 3.0,
-                                 self.run.clocks["engine_speed"], speed)
-        for name in ("wheel_speed", "transmission_output_speed"):
-            if name in self.run.clocks:
-                found |= self._order(name, "rotation order content", stacked, 1.0, self.run.clocks[name],
-                                     self.run.measured[name])
+    @cached_property
+    def _returns(self) -> bool:
+        """Whether the drive comes back, so that what hangs on it runs through a loop."""
+        high = self.drive > 0.5 * (self.drive.max() + self.drive.min())
+        return int(np.sum(high[1:] != high[:-1])) >= 2 and np.ptp(self.drive) > 0.3 * np.abs(self.drive).max()
+
+    def _orders(self, stacked: np.ndarray) -> Mapping[Key, float]:
+        """Amplitudes at the firing order in torque and engine speed, at the first of each shaft in its speed."""
+        wanted = [(name, "rotation order content", name, 1.0) for name in _ROTATING]
+        wanted += [(name, "firing order content", "engine_speed", self.firing_order)
+                   for name in ("propeller_shaft_torque", "engine_speed")]
+        found: dict[Key, float] = {}
+        for name, feature, speed, order in wanted:
+            if name in self.run.clocks and speed in self.run.clocks:
+                content = order_content(self.run.clocks[name], stacked[self.run.slices[name]],
+                                        self.run.clocks[speed], self.run.measured[speed], order)
+                if content is not None:
+                    found[(name, feature)] = content
         return found
 
-    def _order(self, channel: str, name: str, stacked: np.ndarray, order: float, clock: np.ndarray,
-               speed: np.ndarray) -> dict[tuple[str, str], float]:
-        if channel not in self.run.clocks:
-            return {}
-        t = self.run.clocks[channel]
-        rate = 1.0 / float(np.median(np.diff(t)))
-        if order * float(np.max(speed)) / (2.0 * np.pi) > 0.45 * rate:
-            return {}
-        angle = np.interp(t, clock, np.concatenate([[0.0], np.cumsum(
-            0.5 * np.diff(clock) * (speed[1:] + speed[:-1]))]))
-        values = stacked[self.run.slices[channel]]
-        window = max(5, 2 * round(0.1 * rate) + 1)
-        if values.size <= window:
-            return {}
-        fast = values - savgol_filter(values, window, 2)
-        return {(channel, name): 2.0 * float(np.abs(np.mean(fast * np.exp(-1j * order * angle))))}
+
+def order_content(time: np.ndarray, values: np.ndarray, clock: np.ndarray, speed: np.ndarray,
+                  order: float) -> float | None:
+    """Amplitude of a signal at an order of a shaft; None where the sampling is too slow to show it.
+
+    Args:
+        time, values: The signal on its clock [s].
+        clock, speed: Speed of the shaft [rad/s] on its own.
+        order: Oscillations per revolution.
+    """
+    rate = 1.0 / float(np.median(np.diff(time)))
+    frequency = order * float(np.mean(np.abs(speed))) / (2.0 * np.pi)
+    if not 0.5 < frequency < 0.45 * rate:
+        return None
+    window = max(5, 2 * round(0.7 * rate / frequency) + 1)
+    if values.size <= 2 * window:
+        return None
+    angle = np.interp(time, clock, np.concatenate([[0.0], np.cumsum(
+        0.5 * np.diff(clock) * (speed[1:] + speed[:-1]))]))
+    # the slow part goes; the carrier loses the same by it, so that the amplitude keeps its size
+    carrier = np.exp(1j * order * angle)
+    waves = np.array([values, carrier.real, carrier.imag])
+    fast, real, imaginary = (waves - savgol_filter(waves, window, 2, mode="nearest"))[:, window // 2:-(window // 2)]
+    quick = real + 1j * imaginary
+    return 2.0 * float(np.abs(np.vdot(quick, fast)) / np.vdot(quick, quick).real)
+
+
+def loop_area(x: np.ndarray, y: np.ndarray) -> float:
+    """Area that a path encloses, a loop run through twice counted twice; the open end is closed straight."""
+    return float(np.abs(np.sum(0.5 * (y + np.roll(y, -1)) * (np.roll(x, -1) - x))))
+
+
+def _ratio(over: np.ndarray, under: np.ndarray) -> float:
+    """Ratio of two speeds; that one is late while the vehicle gains speed does not change it."""
+    inner = slice(_EDGE, -_EDGE)
+    design = np.column_stack([under, _changes(under)])[inner]
+    return float(np.linalg.lstsq(design, over[inner], rcond=None)[0][0])
+
+
+def _slope(x: np.ndarray, y: np.ndarray) -> float:
+    centred = x - x.mean()
+    return float(centred @ y / (centred @ centred))
+
+
+def _changes(values: np.ndarray) -> np.ndarray:
+    """Rate of change [1/s] of a signal on the grid, not at its edges."""
+    return savgol_filter(values, 2 * round(0.5 * _SMOOTH * _RATE) + 1, 2, deriv=1, delta=1.0 / _RATE, mode="nearest")
 
 
 def _vertex(grid: np.ndarray, heights: np.ndarray, i: int) -> float:
     """Where the parabola through a maximum and its neighbours peaks."""
     if i in (0, grid.size - 1):
         return float(grid[i])
-    a, b, c = np.polyfit(grid[i - 1:i + 2] - grid[i], heights[i - 1:i + 2], 2)
-    return float(grid[i] + np.clip(-b / (2.0 * a), grid[i - 1] - grid[i], grid[i + 1] - grid[i]) if a < 0 else grid[i])
+    a, b, _ = np.polyfit(grid[i - 1:i + 2] - grid[i], heights[i - 1:i + 2], 2)
+    return float(grid[i] - b / (2.0 * a)) if a < 0.0 else float(grid[i])
 
 
-def _changes(values: np.ndarray) -> np.ndarray:
-    """A signal without its slow part."""
-    return np.gradient(savgol_filter(values, 7, 2))
-
-
-def _lag(values: np.ndarray, base: np.ndarray) -> float | None:
-    """How much later than the reference the signal is [s], from its changes; by least squares."""
-    slope, error = _changes(base), _changes(values - base)
-    rate = np.gradient(slope)
-    design = np.column_stack([slope, rate])
-    if not np.sum(rate**2) > 0.0:
-        return None
-    return -float(np.linalg.lstsq(design, error, rcond=None)[0][1]) / _RATE
-
-
-def _amplitude(values: np.ndarray, base: np.ndarray) -> float | None:
-    """Size of the signal's fast changes over those of the reference."""
-    reference = float(np.std(_changes(base)))
-    return float(np.std(_changes(values))) / reference if reference > 0.0 else None
-
-
-def _loop(x: np.ndarray, y: np.ndarray) -> float:
-    """Area of the hysteresis loop of two signals."""
-    return float(np.abs(np.sum(0.5 * (y[1:] + y[:-1]) * np.diff(x))))
-
-
-def words(feature: str, channel: str, unit: str, measured: float, simulated: float,
-          uncertainty: Callable[[float], str] | None = None) -> tuple[str, float, str]:
-    """How a difference is told: the words, its size (simulated minus measured) and unit."""
-    kind = FEATURES[feature]
+def words(signal: str, feature: str, measured: float, simulated: float) -> str:
+    """How an engineer tells a difference."""
+    kind, unit = FEATURES[feature], unit_of(signal, feature)
+    unit = "" if unit == "1" else f" {unit}"
     size = simulated - measured
-    own = kind.unit or {"drift": f"{unit}/s", "loop area": f"{unit}.rad/s"}.get(feature, unit)
     if feature == "lag":
-        return f"measured {abs(size) * 1e3:.0f} ms {'later' if size < 0 else 'earlier'} than simulated", size, own
-    side = "high" if size > 0 else "low"
-    if kind.relative and measured:
-        return f"simulated {feature} {100 * abs(size / measured):.2g} % {side}", size, own
-    return f"simulated {feature} {abs(size):.3g} {own} {side}", size, own
+        return f"measured {abs(size) * 1e3:.0f} ms {'later' if size < 0.0 else 'earlier'} than simulated"
+    if feature == "waveform":
+        return f"waveform off by {measured:.3g}{unit} rms, {measured / simulated:.1f} times a healthy car's"
+    if kind.one_sided:
+        return f"{feature} of {measured:.3g}{unit} that the simulation does not have"
+    side = "high" if size > 0.0 else "low"
+    if kind.relative and abs(size) < measured:
+        return f"{feature} {100.0 * abs(size) / measured:.2g} % {side}"
+    return f"{feature} {abs(size):.3g}{unit} {side}"

@@ -1,20 +1,28 @@
-"""What a simulation gets wrong, on the physics an engineer names, with how sure that is."""
+"""What a simulation gets wrong, on the physics an engineer names, with how sure that is.
+
+A feature is wrong where the recording's lies outside what a healthy car would have shown in that run: a
+car whose numbers are the vehicle file's but for their tolerance, recorded with the same sensors. Those
+draws carry noise and resolution as the recording does, so what noise does to a feature cancels.
+"""
 
 from __future__ import annotations
 
+from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.signal import savgol_filter
+from scipy.stats import chi2, f, kurtosis, t
 
-from cosim.diagnosis.features import FEATURES, Reader, words
-from cosim.diagnosis.identify import Identification
-from cosim.diagnosis.noise import Noise
-from cosim.diagnosis.predict import Predictor
-from cosim.measured import CANONICAL
+from cosim.diagnosis.features import FEATURES, Feature, Key, Reader, unit_of, words
+from cosim.diagnosis.plants import Run
 
-DRAWS = 30
 SIGNIFICANT = 0.01  # after correction for the number of features looked at
+_REPEATED = 0.05  # repeats that differ by more than healthy draws do, this significantly, set the scale
+_SHARE = 0.8  # of the misfit that a shift or a scale must explain to be called one
+_BLOCK, _BOOTSTRAP = 0.3, 16  # s; resampled noise
+_LAGS = 20  # of the test for whiteness
 
 
 @dataclass(frozen=True)
@@ -23,12 +31,18 @@ class Wrong:
 
     Attributes:
         signal, feature: Which number of which channel, ``engine_speed`` and ``shuffle frequency``.
-        where: The run, in words.
+        where: The run where it is clearest, gear and time span, and in how many recordings it shows.
         what: The difference, in words.
-        measured, simulated, size, unit: The numbers; size is simulated minus measured.
-        low90, high90: Of the size.
-        p_value: That a healthy car would show it, corrected for the number of features.
-        effective_samples: Of the channel in that run, as its noise is coloured.
+        measured, simulated: The feature's values; for a waveform the error, and a healthy car's.
+        size: Simulated minus measured; for what measures a difference already: that.
+        low90, high90: Of the size, by the run-to-run scatter of repeats or of the healthy draws.
+        noise_floor: Standard deviation of the feature with nothing changed, from repeats where they exist, else
+            by a moving-block bootstrap of the channel's noise.
+        unit: SI, of all of these.
+        p_value: That a healthy car would show it, corrected for the number of features looked at.
+        runs: Names of the recordings in which it shows.
+        whiteness_p: Ljung-Box: that the residual of the channel in that run is white; small: structure is left.
+        effective_samples: That the residual is worth, being coloured.
     """
 
     signal: str
@@ -40,66 +54,211 @@ class Wrong:
     size: float
     low90: float
     high90: float
+    noise_floor: float
     unit: str
     p_value: float
+    runs: tuple[str, ...]
+    whiteness_p: float
     effective_samples: int
 
     def as_json(self) -> dict:
-        """For the finding."""
-        return {"signal": self.signal, "where": self.where, "what": self.what, "size": self.size,
-                "unit": self.unit, "p_value": self.p_value, "feature": self.feature, "measured": self.measured,
-                "simulated": self.simulated, "low90": self.low90, "high90": self.high90,
-                "effective_samples": self.effective_samples}
+        """For the finding; the contract's keys first."""
+        first = ("signal", "where", "what", "size", "unit", "p_value")
+        rest = {key: value for key, value in vars(self).items() if key not in first}
+        return {key: getattr(self, key) for key in first} | rest | {"runs": list(self.runs)}
 
 
-def wrong(predictor: Predictor, found: Identification, seed: int = 1) -> list[Wrong]:
-    """Every feature in which a recording differs from the vehicle file by more than a healthy car would.
+@dataclass
+class _Row:
+    """One feature of one run: measured, simulated and what healthy cars show, logarithms where it is one."""
 
-    A healthy car's features are drawn: its numbers within their tolerance, by the sensitivities of its
-    simulation, and noise of the colour that the best model leaves. So nothing counts as wrong that a car
-    like the file's, recorded as these were, would also show.
+    run: int
+    key: Key
+    measured: float
+    simulated: float
+    healthy: np.ndarray
+    scale: float = 0.0
+    p: float = 1.0
+
+    @property
+    def kind(self) -> Feature:
+        return FEATURES[self.key[1]]
+
+    @property
+    def excess(self) -> float:
+        """How far the recording lies from what healthy cars show."""
+        return self.measured - float(np.mean(self.healthy))
+
+
+def wrong(runs: Sequence[Run], nominal: Sequence[np.ndarray],
+          healthy: Sequence[Sequence[np.ndarray]]) -> list[Wrong]:
+    """Every feature in which recordings differ from the vehicle file by more than a healthy car would.
+
+    Args:
+        runs: The recordings.
+        nominal: Per run, the stacked channels simulated with the vehicle file as it is.
+        healthy: Per run, many (some 30) stacked channels as a healthy car would have shown them: numbers
+            within tolerance, torque estimate, slope, sensor noise and resolution drawn.
+
+    Returns:
+        What tells most first: one entry of each feature, then the others; each feature of a signal once,
+        where it is clearest.
     """
-    random = np.random.default_rng(seed)
-    spread = np.array([0.0 if c.name == "start_speed" else c.tolerance for c in predictor.coordinates])
-    cars = spread * random.standard_normal((DRAWS, spread.size))
-    rows = []
-    for r, run in enumerate(predictor.runs):
-        reader = Reader(run, found.nominal[r])
-        measured, simulated = reader.read(run.stacked), reader.read(found.nominal[r])
-        drawn = [reader.read(found.nominal[r] + found.healthy.jacobians[r] @ car + found.noise.drawn(r, random))
-                 for car in cars]
-        for key in measured.keys() & simulated.keys():
-            seen = np.array([d[key] for d in drawn if key in d])
-            if seen.size < 0.7 * DRAWS or not np.std(seen) > 0.0:
-                continue
-            # what is read off noisy signals is biased: the draws have that bias too
-            deviation = float(np.std(seen, ddof=2))
-            z = (measured[key] - float(np.mean(seen))) / deviation
-            rows.append((r, key, measured[key], simulated[key], deviation,
-                         2.0 * float(student.sf(abs(z), seen.size - 1))))
-    rows.sort(key=lambda row: row[-1])
-    result, corrected = [], 0.0
-    for rank, (r, (channel, feature), now, then, deviation, p) in enumerate(rows):
-        corrected = max(corrected, min(1.0, (len(rows) - rank) * p))  # Holm
+    readers = [Reader(run, simulated) for run, simulated in zip(runs, nominal)]
+    rows = [row for r, reader in enumerate(readers) for row in _rows(r, reader, nominal[r], healthy[r])]
+    scatter = _repeats(runs, rows)
+    for row in rows:
+        _judge(row, *scatter.get((runs[row.run].kind, runs[row.run].gear, row.key), (0.0, 0)))
+    rows.sort(key=lambda row: row.p)
+    corrected = 0.0
+    told: dict[Key, list[_Row]] = defaultdict(list)
+    for rank, row in enumerate(rows):
+        corrected = max(corrected, min(1.0, (len(rows) - rank) * row.p))  # Holm
         if corrected > SIGNIFICANT:
             break
-        run = predictor.runs[r]
-        canonical = CANONICAL.get(channel)
-        what, size, unit = words(feature, channel, canonical.unit if canonical else "1", now, then)
-        result.append(Wrong(
-            channel, feature, _where(run.name, run.gear, run.clocks), what, now, then, size,
-            size - 1.645 * deviation, size + 1.645 * deviation, unit, corrected,
-            _effective(found.noise, channel, run)))
-    order = {name: i for i, name in enumerate(FEATURES)}
-    return sorted(result, key=lambda w: (round(np.log10(w.p_value + 1e-300)), order[w.feature]))
+        row.p = corrected
+        if _is_one(row, readers[row.run], runs[row.run], healthy[row.run]):
+            told[row.key].append(row)
+    listed = [_wrong(found, readers, nominal, healthy, scatter, rows) for found in told.values()]
+    return _ordered(listed)
 
 
-def _effective(noise: Noise, channel: str, run) -> int:
-    name = channel.split(" over ")[0]
-    return max(1, round(noise.colours[name].sample_share * run.clocks[name].size))
+def _rows(r: int, reader: Reader, nominal: np.ndarray, healthy: Sequence[np.ndarray]) -> list[_Row]:
+    """The features of a run that the recording and nearly all healthy draws show."""
+    measured, simulated = reader.read(reader.run.stacked), reader.read(nominal)
+    drawn = [reader.read(stacked) for stacked in healthy]
+    rows = []
+    for key, value in measured.items():
+        seen = np.array([d[key] for d in drawn if key in d])
+        kind = FEATURES[key[1]]
+        if seen.size < max(4, 0.8 * len(drawn)) or not np.ptp(seen) > 0.0:
+            continue
+        # what measures a difference from the simulation is none in the simulation itself
+        then = float(np.median(seen)) if kind.name == "waveform" else simulated.get(key)
+        if then is None or kind.log and min(value, then, *seen) <= 0.0:
+            continue
+        if kind.log:
+            value, then, seen = np.log(value), np.log(then), np.log(seen)
+        rows.append(_Row(r, key, float(value), float(then), seen))
+    return rows
 
 
-def _where(name: str, gear: int, clocks) -> str:
-    start = min(float(clock[0]) for clock in clocks.values())
-    stop = max(float(clock[-1]) for clock in clocks.values())
-    return f"{name}, gear {gear}, {start:.1f} to {stop:.1f} s"
+def _repeats(runs: Sequence[Run], rows: Sequence[_Row]) -> dict[tuple, tuple[float, int]]:
+    """By kind, gear and feature: standard deviation of the recording less the simulation over repeats, and
+    its degrees of freedom."""
+    groups: dict[tuple, list[float]] = defaultdict(list)
+    for row in rows:
+        run = runs[row.run]
+        groups[(run.kind, run.gear, row.key)].append(row.measured - row.simulated)
+    return {key: (float(np.std(values, ddof=1)), len(values) - 1)
+            for key, values in groups.items() if len(values) > 1}
+
+
+def _judge(row: _Row, repeated: float, freedom: int) -> None:
+    """Scale and p-value: of one more draw from the same distribution, by Student's t."""
+    count = row.healthy.size
+    scale = float(np.std(row.healthy, ddof=1))
+    if freedom and scale > 0.0 and f.sf((repeated / scale) ** 2, freedom, count - 1) < _REPEATED:
+        scale = repeated
+    size = 1.0 if row.kind.log else abs(float(np.mean(row.healthy)))
+    row.scale = float(np.hypot(scale, row.kind.tolerance * size))
+    score = row.excess / (row.scale * np.sqrt(1.0 + 1.0 / count))
+    # draws with heavy tails: the Student distribution that has their kurtosis
+    tails = float(kurtosis(row.healthy, bias=False))
+    degrees = min(count - 1, 4.0 + 6.0 / tails) if tails > 0.0 else count - 1
+    row.p = float(t.sf(score, degrees)) if row.kind.one_sided else 2.0 * float(t.sf(abs(score), degrees))
+
+
+def _is_one(row: _Row, reader: Reader, run: Run, healthy: Sequence[np.ndarray]) -> bool:
+    """Whether a lag is a lag: shifting and scaling the simulation takes most of what is wrong away."""
+    if row.key[1] not in ("lag", "amplitude"):
+        return True
+    usual = float(np.median([reader.shifted_share(row.key[0], stacked)[0] for stacked in healthy]))
+    before, after = reader.shifted_share(row.key[0], run.stacked)
+    return before - after > _SHARE * max(before - usual, 0.1 * before)
+
+
+def _wrong(found: Sequence[_Row], readers: Sequence[Reader], nominal: Sequence[np.ndarray],
+           healthy: Sequence[Sequence[np.ndarray]], scatter: dict, rows: Sequence[_Row]) -> Wrong:
+    """One feature of one signal, where it is clearest."""
+    row = min(found, key=lambda row: (row.p, -abs(row.excess) / row.scale))
+    reader = readers[row.run]
+    run, (signal, feature), kind = reader.run, row.key, row.kind
+    invert = np.exp if kind.log else lambda x: x
+    measured, simulated = float(invert(row.measured)), float(invert(row.simulated))
+    reach = float(t.ppf(0.95, row.healthy.size - 1)) * row.scale
+    ends = [float(invert(row.measured + side * reach)) for side in (-1.0, 1.0)]
+    own = kind.one_sided
+    low, high = ends if own else (simulated - ends[1], simulated - ends[0])
+    repeated, freedom = scatter.get((run.kind, run.gear, row.key), (0.0, 0))
+    floor = repeated * (measured if kind.log else 1.0) if freedom else _bootstrap(reader, row.key)
+    residual = run.stacked - nominal[row.run]
+    whiteness, effective = _coloured(residual[run.slices[signal.split(" over ")[0]]])
+    shown = {r.run for r in found}
+    possible = {r.run for r in rows if r.key == row.key}
+    return Wrong(signal, feature, _where(reader, feature, len(shown), len(possible)),
+                 words(signal, feature, measured, simulated), measured, simulated,
+                 measured if own else simulated - measured, low, high, floor, unit_of(signal, feature), row.p,
+                 tuple(readers[i].run.name for i in sorted(shown)), whiteness, effective)
+
+
+def _where(reader: Reader, feature: str, shown: int, possible: int) -> str:
+    begin, end = reader.span(feature)
+    text = f"{reader.run.name}, gear {reader.run.gear}, {begin:.1f} to {end:.1f} s"
+    return text if possible == 1 else f"{text}; in {shown} of {possible} recordings"
+
+
+def _ordered(listed: Sequence[Wrong]) -> list[Wrong]:
+    """The surest of each feature first, features in the order an engineer asks for them where equally sure;
+    waveforms only where nothing else tells what is wrong with that signal."""
+    named = {entry.signal for entry in listed if entry.feature != "waveform"}
+    listed = [entry for entry in listed if entry.feature != "waveform" or entry.signal not in named]
+    place = {name: i for i, name in enumerate(FEATURES)}
+    listed = sorted(listed, key=lambda entry: (entry.p_value, place[entry.feature]))
+    seen: dict[str, int] = defaultdict(int)
+    ranked = []
+    for entry in listed:
+        ranked.append((seen[entry.feature] > 0, entry))
+        seen[entry.feature] += 1
+    return [entry for _, entry in sorted(ranked, key=lambda pair: pair[0])]
+
+
+def _bootstrap(reader: Reader, key: Key, seed: int = 1) -> float:
+    """Standard deviation of a feature under the noise of its channels, resampled in moving blocks."""
+    run, random = reader.run, np.random.default_rng(seed)
+    smooth, noise = np.empty(run.stacked.size), np.empty(run.stacked.size)
+    for name, place in run.slices.items():
+        values = run.measured[name]
+        smooth[place] = savgol_filter(values, min(7, values.size // 2 * 2 - 1), 3)
+        noise[place] = (values - smooth[place]) / np.sqrt(0.67)  # the filter takes a third of white noise
+    found = []
+    for _ in range(_BOOTSTRAP):
+        drawn = np.concatenate([_blocks(noise[place], run.clocks[name], random)
+                                for name, place in run.slices.items()])
+        found.append(reader.read(smooth + drawn).get(key))
+    values = np.array([value for value in found if value is not None])
+    return float(np.std(values, ddof=1)) if values.size > 1 else float("nan")
+
+
+def _blocks(noise: np.ndarray, clock: np.ndarray, random: np.random.Generator) -> np.ndarray:
+    length = int(np.clip(round(_BLOCK / float(np.median(np.diff(clock)))), 1, noise.size))
+    starts = random.integers(0, noise.size - length + 1, -(-noise.size // length))
+    return np.concatenate([noise[start:start + length] for start in starts])[:noise.size]
+
+
+def _coloured(residual: np.ndarray) -> tuple[float, int]:
+    """Ljung-Box p-value of a residual, and how many independent samples it is worth for its mean (Geyer's
+    initial positive sequence)."""
+    count = residual.size
+    centred = residual - residual.mean()
+    spectrum = np.fft.rfft(centred, 2 * count)
+    correlation = np.fft.irfft(spectrum * spectrum.conj())[:count]
+    if not correlation[0] > 0.0:
+        return 1.0, count
+    rho = correlation / correlation[0]
+    lags = np.arange(1, min(_LAGS, count // 5) + 1)
+    statistic = count * (count + 2.0) * float(np.sum(rho[lags] ** 2 / (count - lags)))
+    pairs = rho[:count // 2 * 2].reshape(-1, 2).sum(axis=1)
+    ends = np.flatnonzero(pairs <= 0.0)
+    time = 2.0 * float(pairs[:ends[0] if ends.size else None].sum()) - 1.0
+    return float(chi2.sf(statistic, lags.size)), int(np.clip(round(count / time), 1, count))
