@@ -1,7 +1,9 @@
-"""A gear that loses another share of the torque on its coast flanks than on its drive flanks.
+"""Friction that depends on the direction: of the power in a gear, of the motion in a guide.
 
 Hypoid teeth slide differently on either side, so the loss depends on which way power flows. The share
-changes where the carried torque is zero, so the loss itself does not jump.
+changes where the carried torque is zero, so the loss itself does not jump. A guide or a nut that is wiped,
+oiled or loaded from one side drags more one way than the other; that changes where the speed is zero, and
+there the drag is zero.
 """
 
 from __future__ import annotations
@@ -27,3 +29,19 @@ def flank_loss_fraction(speed, carried_torque, drive, coast_excess):
     if speed * carried_torque < 0.0:
         return drive + coast_excess
     return drive
+
+
+@dataclass(frozen=True)
+class DirectionalDrag:
+    """What a guide drags moving backward beyond what it drags moving forward; 0 without."""
+
+    backward_damping: float = quantity(
+        "N.s/m", "viscous friction moving backward beyond that moving forward", start=0.0)
+
+
+@kernel
+def directional_drag(slip, drag, backward):
+    """Viscous coefficient at this slip: ``drag``, and ``backward`` more where it is negative."""
+    if slip < 0.0:
+        return drag + backward
+    return drag

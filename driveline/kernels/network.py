@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from math import cos, sin
 
-from ..elements.asymmetric_friction import flank_loss_fraction
+from ..elements.asymmetric_friction import directional_drag, flank_loss_fraction
 from ..elements.backlash import lash_guard, lash_relaxation, lash_torque
 from ..elements.converter import converter_torques
 from ..elements.engine_torque import FADE_SPEED, engine_friction, indicated_target
@@ -41,7 +41,8 @@ from .backend import F8, I8, entry_point, kernel
 # Laws of a branch, and what its parameters are (after ratio_a and ratio_b).
 SHAFT = 0      # stiffness, damping
 LASH = 1       # stiffness, damping, half_gap
-FRICTION = 2   # capacity (times a signal and a lag state), static_ratio, drag, base capacity (times cos grade)
+FRICTION = 2   # capacity (times a signal and a lag state), static_ratio, drag, base capacity (times cos grade),
+               # drag moving backward beyond that moving forward
 CONVERTER = 3  # tables
 CONTACT = 4    # slip stiffness / relaxation length, relaxation length, deflection limit, radius
 LOSS = 5       # constant, viscous, fraction, excess of the fraction on coast; reference branch
@@ -158,7 +159,7 @@ def rates(plan, work, y, dy, signal, torque, torque_b, modes, matrix):
         elif law == FRICTION:
             mode = work[modes + b]
             capacity = friction_capacity(plan, work, row, y, signal)
-            t = friction_torque(mode, rate, capacity, work[p + 4])
+            t = friction_torque(mode, rate, capacity, directional_drag(rate, work[p + 4], work[p + 6]))
             t_b = t
             dissipated += t * rate
             if mode == 0.0:

@@ -189,15 +189,17 @@ class Assembly:
 
     def friction(self, name: str, a: int, b: int, capacity: Number, static_ratio: float = 1.0,
                  drag: float = 0.0, ratio_a: Number = 1.0, ratio_b: Number = 1.0,
-                 signal: int = k.ONE, lag: str | None = None, base: float = 0.0) -> int:
+                 signal: int = k.ONE, lag: str | None = None, base: float = 0.0,
+                 backward: float = 0.0) -> int:
         """Dry friction with sticking; ``capacity`` scales with a signal and a lag's level.
 
-        ``base`` is capacity besides it that scales with the cosine of the grade. Two dry frictions
-        may not act between the same nodes: sticking, nothing would tell their shares.
+        ``base`` is capacity besides it that scales with the cosine of the grade, ``backward`` adds to the
+        drag where the slip is negative. Two dry frictions may not act between the same nodes: sticking,
+        nothing would tell their shares.
         """
         reference = -1 if lag is None else list(self.lags).index(lag)
         return self._branch(Branch(name, k.FRICTION, a, b, ratio_a, ratio_b,
-                                   (capacity, static_ratio, drag, base), signal, reference))
+                                   (capacity, static_ratio, drag, base, backward), signal, reference))
 
     def converter(self, name: str, impeller: int, turbine: int, tables: tuple[float, ...]) -> int:
         """A hydrodynamic converter; tables are speed ratio, torque ratio, capacity."""
