@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.signal import savgol_filter
+from scipy.ndimage import correlate1d
+from scipy.signal import savgol_coeffs, savgol_filter
 
 from cosim.diagnosis.plants import Run
 from cosim.measured import CANONICAL
@@ -21,6 +22,7 @@ Key = tuple[str, str]  # signal, feature
 
 _RATE = 200.0  # Hz: features are slower
 _SMOOTH = 0.09  # s: over which a change is taken
+_DERIVATIVE = savgol_coeffs(2 * round(0.5 * _SMOOTH * _RATE) + 1, 2, deriv=1, delta=1.0 / _RATE, use="dot")
 _SHUFFLE = np.arange(1.5, 14.0, 0.15)  # Hz
 _DECAY = np.geomspace(0.3, 16.0, 13)  # 1/s
 _EDGE = round(0.05 * _RATE)  # samples of the grid at its ends, of which no change can be taken
@@ -30,6 +32,8 @@ _RINGING = ("propeller_shaft_torque", "inline_torque", "engine_speed", "turbine_
 _TORQUES = ("propeller_shaft_torque", "inline_torque")
 _RATIOS = (("engine_speed", "turbine_speed"), ("turbine_speed", "transmission_output_speed"),
            ("transmission_output_speed", "wheel_speed"), ("wheel_speed", "vehicle_speed"))
+_SPEEDS = ("vehicle_speed", "wheel_speed", "transmission_output_speed", "turbine_speed", "engine_speed",
+           "motor_speed")
 _ROTATING = ("wheel_speed", "transmission_output_speed", "motor_speed")
 
 
@@ -65,8 +69,10 @@ FEATURES = {f.name: f for f in (
     Feature("amplitude", "1", relative=True),
     Feature("shuffle damping", "1", relative=True, log=True),
     Feature("overshoot", "~", relative=True),
+    Feature("gain", "1", relative=True),
+    Feature("zero offset", "~"),
     Feature("level", "~"),
-    Feature("drift", "~/s"),
+    Feature("drift", "~/s", relative=True),
     Feature("loop area", "N2.m2", relative=True, log=True),
     Feature("waveform", "~", log=True, one_sided=True))}
 
@@ -163,10 +169,11 @@ class Reader:
             if name in _RINGING:
                 found[(name, "shuffle frequency")], found[(name, "shuffle damping")] = self._shuffle(values)
             found[(name, "lag")], found[(name, "amplitude")], _ = self._shift(name, values)
-            if not name.endswith("speed"):  # where a speed starts is fitted, so that its level says nothing
+            if name in _TORQUES:
+                found[(name, "gain")] = gain = _slope(reference[name], values)
+                found[(name, "zero offset")] = float(np.mean(values) - gain * np.mean(reference[name]))
+            elif not name.endswith("speed"):  # where a speed starts is fitted, so that its level says nothing
                 found[(name, "level")] = float(np.mean(values))
-            if not name.endswith("acceleration"):
-                found[(name, "drift")] = _slope(self.grid, values)
             error = values - reference[name]
             error -= error.mean() + _slope(self.grid, error) * (self.grid - self.grid.mean())
             found[(name, "waveform")] = float(np.sqrt(np.mean(error**2))) or None
@@ -175,6 +182,9 @@ class Reader:
                 found[(name, "reversal dead time")] = self._dead_time(channels[name], reference[name])
                 found[(name, "overshoot")] = self._overshoot(channels[name])
                 found[(name, "loop area")] = loop_area(self.drive, channels[name]) if self._returns else None
+        gains = next((name for name in _SPEEDS if name in channels), None)
+        if gains is not None:  # that of all others is this one times a ratio
+            found[(gains, "drift")] = _slope(self.grid, channels[gains])
         for over, under in _RATIOS:
             if over in channels and under in channels:
                 found[(f"{over} over {under}", "speed ratio")] = _ratio(channels[over], channels[under])
@@ -211,14 +221,11 @@ class Reader:
         """Frequency [Hz] and damping ratio of a damped oscillation over a parabola, by variable projection."""
         if self._bases is None:
             return None, None
-        y = values[slice(*self.ringing)]
-        x = np.linspace(-1.0, 1.0, y.size)
-        flat = y - np.polyval(np.polyfit(x, y, 2), x)
-        energy = np.sum((self._bases @ (y - y.mean())).reshape(-1, 5) ** 2, axis=1)
-        slow = float((y - y.mean()) @ (y - y.mean()) - flat @ flat)
-        explained = (energy - slow).reshape(_SHUFFLE.size, _DECAY.size)
+        y = values[slice(*self.ringing)] - np.mean(values[slice(*self.ringing)])
+        parts = (self._bases @ y).reshape(-1, 5) ** 2  # of the parabola, of the oscillation
+        explained = (parts[:, 3] + parts[:, 4]).reshape(_SHUFFLE.size, _DECAY.size)
         i, j = np.unravel_index(int(np.argmax(explained)), explained.shape)
-        if explained[i, j] < 0.5 * float(flat @ flat) or i in (0, _SHUFFLE.size - 1):
+        if explained[i, j] < 0.5 * (float(y @ y) - np.sum(parts[0, :3])) or i in (0, _SHUFFLE.size - 1):
             return None, None
         frequency = _vertex(_SHUFFLE, explained[:, j], i)
         decay = float(np.exp(_vertex(np.log(_DECAY), explained[i], j)))
@@ -264,7 +271,9 @@ class Reader:
 
 def order_content(time: np.ndarray, values: np.ndarray, clock: np.ndarray, speed: np.ndarray,
                   order: float) -> float | None:
-    """Amplitude of a signal at an order of a shaft; None where the sampling is too slow to show it.
+    """Amplitude of a signal at an order of a shaft; None where it cannot be told from what is slow.
+
+    Sampling slower than the order only folds it: at the instants of the samples the shaft's angle is known.
 
     Args:
         time, values: The signal on its clock [s].
@@ -273,7 +282,7 @@ def order_content(time: np.ndarray, values: np.ndarray, clock: np.ndarray, speed
     """
     rate = 1.0 / float(np.median(np.diff(time)))
     frequency = order * float(np.mean(np.abs(speed))) / (2.0 * np.pi)
-    if not 0.5 < frequency < 0.45 * rate:
+    if frequency < 0.5:
         return None
     window = max(5, 2 * round(0.7 * rate / frequency) + 1)
     if values.size <= 2 * window:
@@ -285,7 +294,8 @@ def order_content(time: np.ndarray, values: np.ndarray, clock: np.ndarray, speed
     waves = np.array([values, carrier.real, carrier.imag])
     fast, real, imaginary = (waves - savgol_filter(waves, window, 2, mode="nearest"))[:, window // 2:-(window // 2)]
     quick = real + 1j * imaginary
-    return 2.0 * float(np.abs(np.vdot(quick, fast)) / np.vdot(quick, quick).real)
+    power = float(np.vdot(quick, quick).real)
+    return 2.0 * float(np.abs(np.vdot(quick, fast))) / power if power > 0.2 * quick.size else None
 
 
 def loop_area(x: np.ndarray, y: np.ndarray) -> float:
@@ -307,7 +317,7 @@ def _slope(x: np.ndarray, y: np.ndarray) -> float:
 
 def _changes(values: np.ndarray) -> np.ndarray:
     """Rate of change [1/s] of a signal on the grid, not at its edges."""
-    return savgol_filter(values, 2 * round(0.5 * _SMOOTH * _RATE) + 1, 2, deriv=1, delta=1.0 / _RATE, mode="nearest")
+    return correlate1d(values, _DERIVATIVE, mode="nearest")
 
 
 def _vertex(grid: np.ndarray, heights: np.ndarray, i: int) -> float:
@@ -330,6 +340,6 @@ def words(signal: str, feature: str, measured: float, simulated: float) -> str:
     if kind.one_sided:
         return f"{feature} of {measured:.3g}{unit} that the simulation does not have"
     side = "high" if size > 0.0 else "low"
-    if kind.relative and abs(size) < measured:
-        return f"{feature} {100.0 * abs(size) / measured:.2g} % {side}"
+    if kind.relative and abs(size) < abs(measured):
+        return f"{feature} {100.0 * abs(size / measured):.2g} % {side}"
     return f"{feature} {abs(size):.3g}{unit} {side}"

@@ -7,8 +7,9 @@ draws carry noise and resolution as the recording does, so what noise does to a 
 
 from __future__ import annotations
 
+import itertools
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +22,7 @@ from cosim.diagnosis.plants import Run
 SIGNIFICANT = 0.01  # after correction for the number of features looked at
 _REPEATED = 0.05  # repeats that differ by more than healthy draws do, this significantly, set the scale
 _SHARE = 0.8  # of the misfit that a shift or a scale must explain to be called one
+_MISSING = 0.2  # of the draws in which a feature may be absent
 _BLOCK, _BOOTSTRAP = 0.3, 16  # s; resampled noise
 _LAGS = 20  # of the test for whiteness
 
@@ -98,29 +100,33 @@ def wrong(runs: Sequence[Run], nominal: Sequence[np.ndarray],
         runs: The recordings.
         nominal: Per run, the stacked channels simulated with the vehicle file as it is.
         healthy: Per run, many (some 30) stacked channels as a healthy car would have shown them: numbers
-            within tolerance, torque estimate, slope, sensor noise and resolution drawn.
+            within tolerance, torque estimate, slope, sensor noise and resolution drawn. The k-th of every
+            run is the same car.
 
     Returns:
         What tells most first: one entry of each feature, then the others; each feature of a signal once,
         where it is clearest.
     """
     readers = [Reader(run, simulated) for run, simulated in zip(runs, nominal)]
-    rows = [row for r, reader in enumerate(readers) for row in _rows(r, reader, nominal[r], healthy[r])]
+    rows: dict[Key, list[_Row]] = defaultdict(list)
+    for r, reader in enumerate(readers):
+        for row in _rows(r, reader, nominal[r], healthy[r]):
+            rows[row.key].append(row)
     scatter = _repeats(runs, rows)
-    for row in rows:
-        _judge(row, *scatter.get((runs[row.run].kind, runs[row.run].gear, row.key), (0.0, 0)))
-    rows.sort(key=lambda row: row.p)
+    tests = []
+    for key, found in rows.items():
+        for row in found:
+            _judge(row, *scatter.get((runs[row.run].kind, runs[row.run].gear, key), (0.0, 0)))
+        tests += [(row.p, key) for row in found] + [(p, key) for p in _together(found)]
+    surest: dict[Key, float] = {}
     corrected = 0.0
-    told: dict[Key, list[_Row]] = defaultdict(list)
-    for rank, row in enumerate(rows):
-        corrected = max(corrected, min(1.0, (len(rows) - rank) * row.p))  # Holm
+    for rank, (p, key) in enumerate(sorted(tests)):
+        corrected = max(corrected, min(1.0, (len(tests) - rank) * p))  # Holm
         if corrected > SIGNIFICANT:
             break
-        row.p = corrected
-        if _is_one(row, readers[row.run], runs[row.run], healthy[row.run]):
-            told[row.key].append(row)
-    listed = [_wrong(found, readers, nominal, healthy, scatter, rows) for found in told.values()]
-    return _ordered(listed)
+        surest.setdefault(key, corrected)
+    return _ordered([_wrong(rows[key], p, readers, nominal, scatter) for key, p in surest.items()
+                     if _is_one(rows[key], readers, healthy)])
 
 
 def _rows(r: int, reader: Reader, nominal: np.ndarray, healthy: Sequence[np.ndarray]) -> list[_Row]:
@@ -129,10 +135,11 @@ def _rows(r: int, reader: Reader, nominal: np.ndarray, healthy: Sequence[np.ndar
     drawn = [reader.read(stacked) for stacked in healthy]
     rows = []
     for key, value in measured.items():
-        seen = np.array([d[key] for d in drawn if key in d])
+        seen = np.array([d.get(key, np.nan) for d in drawn])
         kind = FEATURES[key[1]]
-        if seen.size < max(4, 0.8 * len(drawn)) or not np.ptp(seen) > 0.0:
+        if np.isnan(seen).mean() > _MISSING or not np.nanstd(seen) > 0.0:
             continue
+        seen[np.isnan(seen)] = np.nanmean(seen)
         # what measures a difference from the simulation is none in the simulation itself
         then = float(np.median(seen)) if kind.name == "waveform" else simulated.get(key)
         if then is None or kind.log and min(value, then, *seen) <= 0.0:
@@ -143,11 +150,11 @@ def _rows(r: int, reader: Reader, nominal: np.ndarray, healthy: Sequence[np.ndar
     return rows
 
 
-def _repeats(runs: Sequence[Run], rows: Sequence[_Row]) -> dict[tuple, tuple[float, int]]:
+def _repeats(runs: Sequence[Run], rows: Mapping[Key, Sequence[_Row]]) -> dict[tuple, tuple[float, int]]:
     """By kind, gear and feature: standard deviation of the recording less the simulation over repeats, and
     its degrees of freedom."""
     groups: dict[tuple, list[float]] = defaultdict(list)
-    for row in rows:
+    for row in itertools.chain(*rows.values()):
         run = runs[row.run]
         groups[(run.kind, run.gear, row.key)].append(row.measured - row.simulated)
     return {key: (float(np.std(values, ddof=1)), len(values) - 1)
@@ -162,26 +169,55 @@ def _judge(row: _Row, repeated: float, freedom: int) -> None:
         scale = repeated
     size = 1.0 if row.kind.log else abs(float(np.mean(row.healthy)))
     row.scale = float(np.hypot(scale, row.kind.tolerance * size))
-    score = row.excess / (row.scale * np.sqrt(1.0 + 1.0 / count))
+    row.p = _student(row.excess / row.scale, row.healthy, row.kind.one_sided)
+
+
+def _together(rows: Sequence[_Row]) -> list[float]:
+    """P-values of a feature's mean deviation over all runs. What a healthy car deviates by in all of them is
+    in the draws, as a draw is one car in all runs."""
+    count = min(row.healthy.size for row in rows)
+    if len(rows) < 2:
+        return []
+    signs = {(1.0,) * len(rows)}
+    if rows[0].key[1] == "drift":  # less mass gains and loses speed faster; a slope only does one
+        signs.add(tuple(float(np.sign(row.simulated)) for row in rows))
+    found = []
+    for sign in signs:
+        excess = sum(s * row.excess / row.scale for s, row in zip(sign, rows))
+        drawn = sum(s * (row.healthy[:count] - np.mean(row.healthy)) / row.scale for s, row in zip(sign, rows))
+        # as much larger as repeats and honest models differ by more than draws
+        wider = np.sqrt(np.mean([(row.scale / np.std(row.healthy, ddof=1)) ** 2 for row in rows]))
+        found.append(_student(excess / (wider * float(np.std(drawn, ddof=1))), drawn, rows[0].kind.one_sided))
+    return found
+
+
+def _student(score: float, drawn: np.ndarray, one_sided: bool) -> float:
+    """P-value of one more value, ``score`` standard deviations from the mean of those drawn."""
     # draws with heavy tails: the Student distribution that has their kurtosis
-    tails = float(kurtosis(row.healthy, bias=False))
-    degrees = min(count - 1, 4.0 + 6.0 / tails) if tails > 0.0 else count - 1
-    row.p = float(t.sf(score, degrees)) if row.kind.one_sided else 2.0 * float(t.sf(abs(score), degrees))
+    tails = float(kurtosis(drawn, bias=False))
+    degrees = min(drawn.size - 1, 4.0 + 6.0 / tails) if tails > 0.0 else drawn.size - 1
+    score /= np.sqrt(1.0 + 1.0 / drawn.size)
+    return float(t.sf(score, degrees)) if one_sided else 2.0 * float(t.sf(abs(score), degrees))
 
 
-def _is_one(row: _Row, reader: Reader, run: Run, healthy: Sequence[np.ndarray]) -> bool:
+def _is_one(rows: Sequence[_Row], readers: Sequence[Reader], healthy: Sequence[Sequence[np.ndarray]]) -> bool:
     """Whether a lag is a lag: shifting and scaling the simulation takes most of what is wrong away."""
-    if row.key[1] not in ("lag", "amplitude"):
+    signal, feature = rows[0].key
+    if feature not in ("lag", "amplitude"):
         return True
-    usual = float(np.median([reader.shifted_share(row.key[0], stacked)[0] for stacked in healthy]))
-    before, after = reader.shifted_share(row.key[0], run.stacked)
+    before, after, usual = 0.0, 0.0, 0.0
+    for row in rows:
+        reader = readers[row.run]
+        unit = float(np.median([reader.shifted_share(signal, stacked)[0] for stacked in healthy[row.run]]))
+        now, then = reader.shifted_share(signal, reader.run.stacked)
+        before, after, usual = before + now / unit, after + then / unit, usual + 1.0
     return before - after > _SHARE * max(before - usual, 0.1 * before)
 
 
-def _wrong(found: Sequence[_Row], readers: Sequence[Reader], nominal: Sequence[np.ndarray],
-           healthy: Sequence[Sequence[np.ndarray]], scatter: dict, rows: Sequence[_Row]) -> Wrong:
+def _wrong(rows: Sequence[_Row], p: float, readers: Sequence[Reader], nominal: Sequence[np.ndarray],
+           scatter: Mapping[tuple, tuple[float, int]]) -> Wrong:
     """One feature of one signal, where it is clearest."""
-    row = min(found, key=lambda row: (row.p, -abs(row.excess) / row.scale))
+    row = min(rows, key=lambda row: (row.p, -abs(row.excess) / row.scale))
     reader = readers[row.run]
     run, (signal, feature), kind = reader.run, row.key, row.kind
     invert = np.exp if kind.log else lambda x: x
@@ -194,12 +230,11 @@ def _wrong(found: Sequence[_Row], readers: Sequence[Reader], nominal: Sequence[n
     floor = repeated * (measured if kind.log else 1.0) if freedom else _bootstrap(reader, row.key)
     residual = run.stacked - nominal[row.run]
     whiteness, effective = _coloured(residual[run.slices[signal.split(" over ")[0]]])
-    shown = {r.run for r in found}
-    possible = {r.run for r in rows if r.key == row.key}
-    return Wrong(signal, feature, _where(reader, feature, len(shown), len(possible)),
+    shown = tuple(readers[r.run].run.name for r in rows if r.p < SIGNIFICANT or r is row)
+    return Wrong(signal, feature, _where(reader, feature, len(shown), len(rows)),
                  words(signal, feature, measured, simulated), measured, simulated,
-                 measured if own else simulated - measured, low, high, floor, unit_of(signal, feature), row.p,
-                 tuple(readers[i].run.name for i in sorted(shown)), whiteness, effective)
+                 measured if own else simulated - measured, low, high, floor, unit_of(signal, feature), p,
+                 shown, whiteness, effective)
 
 
 def _where(reader: Reader, feature: str, shown: int, possible: int) -> str:
