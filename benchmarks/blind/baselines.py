@@ -7,8 +7,9 @@
 - *sparse regression*: what the nominal simulation leaves of each channel, regressed by ``pysindy`` on a library
   of torques, speeds and their rates; the term that explains most is translated into the nearest effect.
 
-They get all recordings, and start speed, slope and torque bias of each run beside the parameters, as the
-diagnosis does. Their findings have the form of its own, so the same scores are taken.
+They get all recordings; least squares also fit start speed, slope and torque bias of each run, with the prior
+deviations of the diagnosis, as without any a slope could not be told from that of a run. Their findings have the
+form of its own, so the same scores are taken.
 """
 
 from __future__ import annotations
@@ -140,22 +141,24 @@ class Squares:
         self.nominal = self._predicted(self.origin)
         self.nuisances = [i for i, c in enumerate(predictor.coordinates) if c.nuisance and c.name != WANDER]
         self.effects = {name: predictor.index(name) for name in CATALOGUE if predictor.index(name)}
-        self._all = [i for columns in self.effects.values() for i in columns] + self.nuisances
+        self._all = self.everything
+        self._prior = np.array([predictor.coordinates[i].tolerance for i in self.nuisances])
         self._jacobian: np.ndarray | None = None
 
     @property
     def everything(self) -> list[int]:
-        """Every parameter of the catalogue, and the nuisances."""
-        return self._all
+        """Every parameter of the effects, and the nuisances."""
+        return [i for columns in self.effects.values() for i in columns] + self.nuisances
 
     def _variances(self, errors: np.ndarray) -> np.ndarray:
         return np.maximum(np.bincount(self._channel, errors**2) / self._counts, 1e-12)
 
-    def _cost(self, predicted: list[np.ndarray] | None) -> float:
-        """Twice the negative logarithm of the likelihood, less a constant."""
+    def _cost(self, u: np.ndarray, predicted: list[np.ndarray] | None) -> float:
+        """Twice the negative logarithm of the likelihood and the nuisances' prior, less a constant."""
         if predicted is None:
             return np.inf
-        return float(self._counts @ np.log(self._variances(self.measured - np.concatenate(predicted))))
+        fit = self._counts @ np.log(self._variances(self.measured - np.concatenate(predicted)))
+        return float(fit + np.sum((u[self.nuisances] / self._prior)**2))
 
     def _predicted(self, u: np.ndarray) -> list[np.ndarray] | None:
         return self.predictor.all_runs([u] * len(self.predictor.runs))
@@ -170,23 +173,26 @@ class Squares:
     def fit(self, columns: list[int], start: np.ndarray, iterations: int) -> Fit:
         """The best point in so many steps of Gauss and Newton, within what is plausible."""
         found = [self.predictor.coordinates[i] for i in columns]
-        spread, low, high = (np.array([getattr(c, name) for c in found]) for name in ("spread", "low", "high"))
+        spread, tolerance, low, high = (np.array([getattr(c, name) for c in found])
+                                        for name in ("spread", "tolerance", "low", "high"))
+        own = np.array([c.nuisance for c in found], dtype=np.float64)  # only these have a prior
         u, predicted = start.copy(), self.nominal if not start.any() else self._predicted(start)
         if predicted is None:
             return Fit(u, columns, np.zeros((len(columns),) * 2), np.inf)
-        cost = self._cost(predicted)
+        cost = self._cost(u, predicted)
         for _ in range(iterations):
             errors = self.measured - np.concatenate(predicted)
             weights = self._variances(errors)[self._channel]**-0.5
             scaled = self._derivatives(u, predicted, columns) * spread * weights[:, None]
-            normal = scaled.T @ scaled
+            normal = scaled.T @ scaled + np.diag(own * (spread / tolerance)**2)
             inverse = np.linalg.pinv(normal, 1e-10, hermitian=True)
-            step = spread * (inverse @ (scaled.T @ (errors * weights)))
+            downhill = scaled.T @ (errors * weights) - own * spread / tolerance**2 * u[columns]
+            step = spread * (inverse @ downhill)
             for share in _SHARES:
                 trial = u.copy()
                 trial[columns] = np.clip(u[columns] + share * step, low, high)
                 tried = self._predicted(trial)
-                if (now := self._cost(tried)) < cost:
+                if (now := self._cost(trial, tried)) < cost:
                     break
             else:
                 break
@@ -218,10 +224,12 @@ class Squares:
         derivatives = self._derivatives(self.origin, self.nominal, self.nuisances)
         for _ in range(2):  # the sizes of the errors follow what is left of them
             weights = self._variances(errors)[self._channel]**-0.5
-            fitted = np.linalg.lstsq(derivatives * weights[:, None], errors * weights, rcond=None)[0]
+            scaled = derivatives * weights[:, None]
+            fitted = np.linalg.solve(scaled.T @ scaled + np.diag(self._prior**-2), scaled.T @ (errors * weights))
         point = start.copy()
         point[self.nuisances] = fitted
-        return float(self._counts @ np.log(self._variances(errors - derivatives @ fitted))), point
+        cost = self._counts @ np.log(self._variances(errors - derivatives @ fitted)) + np.sum((fitted / self._prior)**2)
+        return float(cost), point
 
     def strength(self, effect: str, u: np.ndarray) -> float:
         """The farthest parameter of an effect from the vehicle file, in detection limits."""

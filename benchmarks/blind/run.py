@@ -21,7 +21,7 @@ import numpy as np
 import cosim
 import driveline
 from benchmarks.blind.cases import BlindCase
-from benchmarks.blind.score import found_sizes, named
+from benchmarks.blind.score import CATALOGUED, found_sizes, named
 from cosim.diagnosis.catalogue import CATALOGUE, apply_all
 from cosim.diagnosis.hidden import Hidden, hide
 from cosim.diagnosis.hidden.recordings import KINDS, USUAL
@@ -171,7 +171,7 @@ def examined(case: BlindCase, method: str = DIAGNOSE, code: str | None = None) -
         except Exception as error:
             result["error"] = f"{type(error).__name__}: {error}\n{traceback.format_exc(limit=-4)}"
             return result
-    if result["finding"]["verdict"] == "ambiguous" and hidden.effects:
+    if result["finding"]["verdict"] == "ambiguous" and case.category in CATALOGUED:
         result["again"] = _again(case, result["finding"].get("next_manoeuvre"), method)
     return result
 

@@ -1,0 +1,165 @@
+"""Blind cases: what is hidden, and that their results are the same however they were run."""
+
+import json
+from dataclasses import replace
+
+import fake_diagnosis
+import numpy as np
+import pytest
+
+from benchmarks.blind import __main__ as command
+from benchmarks.blind import run as blind
+from benchmarks.blind.cases import CATEGORIES, BlindCase, cases, wanted
+from cosim.diagnosis.catalogue import CATALOGUE
+from cosim.diagnosis.hidden import VALIDATED, VEHICLE, sizes_of
+from driveline import vehicles
+from driveline.quantities import InputError
+
+FAKE = "fake_diagnosis:guess"
+ALL = dict.fromkeys(CATEGORIES, 1)
+
+
+def short(counts, seed=0):
+    return [replace(case, manoeuvres=("tip_in:5",)) for case in cases(counts, seed)]
+
+
+def timeless(results):
+    """Without what differs from run to run."""
+    return [{key: value for key, value in r.items() if key != "seconds"} for r in results]
+
+
+@pytest.fixture(scope="module")
+def here(tmp_path_factory):
+    """One case of each category, run in this process."""
+    folder = tmp_path_factory.mktemp("here")
+    return folder, short(ALL), blind.run(short(ALL), folder, method=FAKE)
+
+
+def test_a_longer_run_begins_with_the_shorter_one():
+    few, many = (cases(dict.fromkeys(CATEGORIES, n), 3) for n in (4, 9))
+    assert few == many[:len(few)]
+    assert len({case.seed for case in many}) == len({case.name for case in many}) == len(many) == 9 * len(CATEGORIES)
+    assert not {case.seed for case in many} & {case.seed for case in cases(dict.fromkeys(CATEGORIES, 9), 4)}
+
+
+def test_every_effect_comes_once_in_a_round_and_a_third_has_another_structure():
+    count = len(CATALOGUE)
+    for category in ("single", "weak", "pair"):
+        chosen = cases({category: 2 * count})
+        for part in (chosen[:count], chosen[count:]):
+            assert sorted(case.effects[0].partition("=")[0] for case in part) == sorted(CATALOGUE)
+        assert 3 * sum(case.structure == "other" for case in chosen) >= len(chosen)
+
+
+def test_weak_effects_change_something_less_than_the_detection_limit():
+    nominal = vehicles.load(VEHICLE, VALIDATED).values
+    for case in cases({"weak": 3 * len(CATALOGUE)}):
+        name, _, text = case.effects[0].partition("=")
+        sizes = sizes_of(CATALOGUE[name], text, nominal, np.random.default_rng(0))
+        limits = {p.name: p.detection for p in CATALOGUE[name].parameters}
+        strengths = [abs(p.coordinate(sizes[p.name])) / limits[p.name] for p in CATALOGUE[name].parameters
+                     if p.name in sizes]
+        assert strengths and 0.2 < max(strengths) <= 1.0 + 1e-9
+        assert any(nominal.get(key) != value for key, value in CATALOGUE[name].changes(sizes, nominal).items())
+
+
+def test_counts_may_differ_between_categories():
+    assert wanted(["null:100", "pair"], 7) == {"null": 100, "pair": 7}
+    assert wanted([], 3) == dict.fromkeys(CATEGORIES, 3)
+    with pytest.raises(InputError, match="no category 'pears'; did you mean 'pair'"):
+        wanted(["pears"], 1)
+    with pytest.raises(InputError, match="null:100"):
+        wanted(["null:many"], 1)
+
+
+def test_the_truth_stands_beside_what_was_found(here):
+    _, chosen, results = here
+    assert [r["name"] for r in results] == [case.name for case in chosen]
+    by = {r["category"]: r for r in results}
+    assert set(by["pair"]["truth"]["effects"]) == {name for name in by["pair"]["effects"]}
+    assert by["null"]["truth"]["effects"] == by["strange"]["truth"]["effects"] == {}
+    assert by["outside"]["truth"]["outside"] and len(by["cocktail"]["truth"]["effects"]) == 6
+    assert all(r["truth"]["structure"] == r["structure"] for r in results)
+
+
+def test_a_case_that_raises_is_a_result(tmp_path):
+    found = blind.run(short({"null": 6}), tmp_path, method=FAKE)
+    failed = [r for r in found if r["error"]]
+    assert failed and len(failed) < len(found)
+    for r in failed:
+        assert r["error"].startswith(fake_diagnosis.FAILS) and "in guess" in r["error"]
+        assert r["finding"] is None
+    [odd] = [blind.examined(case, "fake_diagnosis:endless") for case in short({"null": 6})
+             if case.name == next(r["name"] for r in found if not r["error"])]
+    assert "JSON" in odd["error"]
+
+
+def test_two_workers_find_what_one_does(here, tmp_path):
+    pytest.importorskip("distributed", reason="dask is not installed: extra `blind`")
+    _, chosen, one = here
+    two = blind.run(chosen, tmp_path, workers=2, method=FAKE)
+    assert timeless(two) == timeless(one)
+    assert blind.read(tmp_path / blind.LINES) == two
+
+
+def test_a_cluster_finds_what_one_process_does(here, tmp_path):
+    distributed = pytest.importorskip("distributed", reason="dask is not installed: extra `blind`")
+    _, chosen, one = here
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False,
+                                  dashboard_address=None) as cluster:
+        found = blind.run(chosen[:2], tmp_path, cluster=cluster.scheduler_address, method=FAKE)
+    assert timeless(found) == timeless(one[:2])
+
+
+def test_a_stopped_run_goes_on_where_it_was(here, tmp_path):
+    _, chosen, one = here
+    blind.run(chosen[:3], tmp_path, method=FAKE)
+    with (tmp_path / blind.LINES).open("a") as file:
+        file.write('{"name": "half a li')
+    assert [r["name"] for r in blind.read(tmp_path / blind.LINES)] == [case.name for case in chosen[:3]]
+    kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "cases").iterdir()}
+    told = []
+    found = blind.run(chosen, tmp_path, method=FAKE, progress=lambda share, r: told.append((share, r["name"])))
+    assert timeless(found) == timeless(one)
+    assert all(path.stat().st_mtime_ns == time for path, time in kept.items())
+    assert sorted(name for _, name in told) == sorted(case.name for case in chosen)
+    assert [share for share, _ in told] == [(i + 1) / len(chosen) for i in range(len(chosen))]
+
+
+def test_what_other_code_found_is_done_again(here, tmp_path, monkeypatch, caplog):
+    _, chosen, _ = here
+    before = blind.run(chosen[:1], tmp_path, method=FAKE)
+    monkeypatch.setattr(blind, "fingerprint", lambda: "of another version")
+    told = []
+    after = blind.run(chosen[:1], tmp_path, method=FAKE, progress=lambda _, r: told.append(r["code"]))
+    assert told == ["of another version"] and before[0]["code"] != after[0]["code"]
+    assert "1 results of another version of the code" in caplog.text
+    assert len(blind.read(tmp_path / blind.LINES)) == 1
+
+
+def test_a_worker_with_other_code_is_refused():
+    with pytest.raises(InputError, match="another version on the cluster"):
+        blind.examined(short(ALL)[0], FAKE, "other code")
+
+
+def test_what_is_printed_is_kept(here, monkeypatch, capsys):
+    folder, chosen, results = here
+    assert command.main(["--print", "--out", str(folder)]) == 0
+    printed = capsys.readouterr().out
+    told = json.loads((folder / "blind.json").read_text())
+    assert told["results"] == results and printed.strip() == (folder / "blind.md").read_text().strip()
+    assert f"{len(chosen)} cases: 1 single, 1 weak" in printed
+    for row in told["rows"]:
+        assert f"| {row['cases']} | {row['quantity']} |" in printed
+
+
+def test_a_wrong_category_ends_with_one_message(capsys):
+    assert command.main(["--categories", "singel"]) == 2
+    assert capsys.readouterr().err.startswith("error: there is no category 'singel'; did you mean 'single'")
+
+
+def test_no_workers_and_no_results_are_refused(tmp_path):
+    with pytest.raises(InputError, match="at least 1"):
+        blind.run([BlindCase("null-0", "null", (), 1, "same")], tmp_path, workers=0, method=FAKE)
+    with pytest.raises(InputError, match="run the cases first"):
+        blind.read(tmp_path / "nothing.jsonl")
