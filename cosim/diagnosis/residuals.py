@@ -229,7 +229,7 @@ def _wrong(rows: Sequence[_Row], p: float, readers: Sequence[Reader], nominal: S
     repeated, freedom = scatter.get((run.kind, run.gear, row.key), (0.0, 0))
     floor = repeated * (measured if kind.log else 1.0) if freedom else _bootstrap(reader, row.key)
     residual = run.stacked - nominal[row.run]
-    whiteness, effective = _coloured(residual[run.slices[signal.split(" over ")[0]]])
+    whiteness, effective = coloured(residual[run.slices[signal.split(" over ")[0]]])
     shown = tuple(readers[r.run].run.name for r in rows if r.p < SIGNIFICANT or r is row)
     return Wrong(signal, feature, _where(reader, feature, len(shown), len(rows)),
                  words(signal, feature, measured, simulated), measured, simulated,
@@ -281,7 +281,7 @@ def _blocks(noise: np.ndarray, clock: np.ndarray, random: np.random.Generator) -
     return np.concatenate([noise[start:start + length] for start in starts])[:noise.size]
 
 
-def _coloured(residual: np.ndarray) -> tuple[float, int]:
+def coloured(residual: np.ndarray) -> tuple[float, int]:
     """Ljung-Box p-value of a residual, and how many independent samples it is worth for its mean (Geyer's
     initial positive sequence)."""
     count = residual.size
