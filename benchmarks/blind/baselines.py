@@ -82,8 +82,9 @@ def compared(case: BlindCase) -> dict[str, Any]:
 
 
 def rows(results: Sequence[dict[str, Any]], compared: Sequence[dict[str, Any]]) -> list[list[str]]:
-    """A line of text a method, over the cases that all have."""
-    common = {r["name"] for r in results} & {r["name"] for r in compared}
+    """A line of text a method, over the cases that all have with the same truth."""
+    truths = {r["name"]: r["truth"] for r in results if r["truth"]}
+    common = {r["name"] for r in compared if truths.get(r["name"]) == r["truth"]}
     if not common:
         return []
     methods = {"diagnosis": [r for r in results if r["name"] in common]}
