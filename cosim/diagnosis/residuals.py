@@ -42,7 +42,8 @@ class Wrong:
             by a moving-block bootstrap of the channel's noise.
         unit: SI, of all of these.
         p_value: That a healthy car would show it, corrected for the number of features looked at.
-        runs: Names of the recordings in which it shows.
+        run, begin, end: Where it is clearest: name of the recording, span [s] on its clock.
+        runs: Names of all recordings in which it shows.
         whiteness_p: Ljung-Box: that the residual of the channel in that run is white; small: structure is left.
         effective_samples: That the residual is worth, being coloured.
     """
@@ -59,6 +60,9 @@ class Wrong:
     noise_floor: float
     unit: str
     p_value: float
+    run: str
+    begin: float
+    end: float
     runs: tuple[str, ...]
     whiteness_p: float
     effective_samples: int
@@ -66,8 +70,8 @@ class Wrong:
     def as_json(self) -> dict:
         """For the finding; the contract's keys first."""
         first = ("signal", "where", "what", "size", "unit", "p_value")
-        rest = {key: value for key, value in vars(self).items() if key not in first}
-        return {key: getattr(self, key) for key in first} | rest | {"runs": list(self.runs)}
+        found = {key: getattr(self, key) for key in first} | vars(self) | {"runs": list(self.runs)}
+        return {key: None if value != value else value for key, value in found.items()}  # JSON knows no NaN
 
 
 @dataclass
@@ -231,16 +235,14 @@ def _wrong(rows: Sequence[_Row], p: float, readers: Sequence[Reader], nominal: S
     residual = run.stacked - nominal[row.run]
     whiteness, effective = coloured(residual[run.slices[signal.split(" over ")[0]]])
     shown = tuple(readers[r.run].run.name for r in rows if r.p < SIGNIFICANT or r is row)
-    return Wrong(signal, feature, _where(reader, feature, len(shown), len(rows)),
+    begin, end = reader.span(feature)
+    where = f"{run.name}, gear {run.gear}, {begin:.1f} to {end:.1f} s"
+    if len(rows) > 1:
+        where += f"; in {len(shown)} of {len(rows)} recordings"
+    return Wrong(signal, feature, where,
                  words(signal, feature, measured, simulated), measured, simulated,
                  measured if own else simulated - measured, low, high, floor, unit_of(signal, feature), p,
-                 shown, whiteness, effective)
-
-
-def _where(reader: Reader, feature: str, shown: int, possible: int) -> str:
-    begin, end = reader.span(feature)
-    text = f"{reader.run.name}, gear {reader.run.gear}, {begin:.1f} to {end:.1f} s"
-    return text if possible == 1 else f"{text}; in {shown} of {possible} recordings"
+                 run.name, begin, end, shown, whiteness, effective)
 
 
 def _ordered(listed: Sequence[Wrong]) -> list[Wrong]:
