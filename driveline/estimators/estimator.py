@@ -20,6 +20,16 @@ class Sampling:
 
 
 @dataclass(frozen=True)
+class Delays:
+    """Delays that are known."""
+
+    engine_speed: float = quantity("s", "from taking an engine speed to reading it",
+                                   start=0.0, minimum=0.0, maximum=0.05)
+    wheel_speed: float = quantity("s", "from taking a wheel speed to reading it",
+                                  start=0.0, minimum=0.0, maximum=0.05)
+
+
+@dataclass(frozen=True)
 class Noise:
     """Covariances of the thesis's estimators, appendix A (eq. A.1 to A.4)."""
 

@@ -36,6 +36,12 @@ def discretise(a: NDArray, b: NDArray, period: float) -> tuple[NDArray, NDArray]
     return result[:n, :n], result[:n, n:]
 
 
+def evenly(a: NDArray, state: int, period: float) -> NDArray:
+    """What all states of x' = A x are after ``period`` [s] in which one of them was moved by 1, evenly."""
+    _, moved = discretise(a, np.eye(len(a))[:, [state]], period)
+    return moved[:, 0] / period
+
+
 def stationary_gain(a: NDArray, c: NDArray, q: NDArray, r: NDArray) -> tuple[NDArray, NDArray]:
     """Gain to which the Kalman filter (eq. 3.23 to 3.26) settles, and its innovations' covariance.
 

@@ -101,7 +101,7 @@ from .dead_zone import (
     share_below,
     stiffness_of,
 )
-from .estimator import FRAME_INPUTS, Estimator, Sampling, estimate
+from .estimator import FRAME_INPUTS, Delays, Estimator, Sampling, estimate
 from .lumped import PLAUSIBLE_SPEED, PLAUSIBLE_TORQUE, plausible
 from .samples import SAMPLES, linear, push, smooth
 
@@ -145,16 +145,6 @@ class Uncertainty:
         start=0.004, minimum=0.0, maximum=0.1)
     time: float = quantity("s", "instants at which speeds are taken, from frame to frame; learnt from there",
                            start=2e-4, minimum=1e-6, maximum=0.02)
-
-
-@dataclass(frozen=True)
-class Delays:
-    """Delays that are known."""
-
-    engine_speed: float = quantity("s", "from taking an engine speed to reading it",
-        start=0.0, minimum=0.0, maximum=0.05)
-    wheel_speed: float = quantity("s", "from taking a wheel speed to reading it",
-        start=0.0, minimum=0.0, maximum=0.05)
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,10 @@ crossed. So a stationary Kalman filter for the contact model, started at zero of
 turns positive and rises, settles at the lash size. Each tip-in triggers it anew; between triggers
 everything is held. "With constraint" (section 4.1.4) the size takes, when a trigger ends, the value at
 which the estimate had settled after the crossing; where it never settled, it stays as it was.
+
+Two things go beyond the thesis, and both can be turned off: the wheel speed's delay is found and taken out
+(``alignment``; off where delay.wheel_speed_deviation is 0), and the size is the mean of the last tip-ins
+(trigger.tip_ins; off where it is 1).
 """
 
 from __future__ import annotations
@@ -18,8 +22,20 @@ import numpy as np
 from ..kernels.backend import F8, entry_point, kernel
 from ..plants.reduced import ThreeMassDriveline
 from ..quantities import quantity
+from .alignment import (
+    BLOCK,
+    FOUND,
+    KNOWLEDGE,
+    KNOWN_WHEEL,
+    USED,
+    VARIANCE,
+    SoughtDelays,
+    align,
+    interrupt,
+    learn,
+)
 from .estimator import AVERAGED, Estimator, Noise, Sampling, Trust, check_shaft, estimate, retuned
-from .kalman import discretise, stationary_gain
+from .kalman import discretise, evenly, stationary_gain
 from .lumped import (
     C_S,
     DRIVELINE,
@@ -55,23 +71,26 @@ GAIN = DRIVELINE
 A = GAIN + M * N
 B = A + N * N
 (LEVEL, SLOPE, CALM_RATE, CALM_TORQUE, CALM_TIME, PERIOD, SPREAD_ENGINE, SPREAD_WHEEL, BALANCE_GAIN,
- WEIGHT, SURPRISE_BOUND, TORQUE_BOUND, MISSED_BOUND) = range(B + N * M, B + N * M + 13)
-CONSTANTS = MISSED_BOUND + 1
+ WEIGHT, SURPRISE_BOUND, TORQUE_BOUND, MISSED_BOUND, DELAY_BOUND, SHUFFLE, TIP_INS) = range(B + N * M, B + N * M + 16)
+KNOWS = TIP_INS + 1
+CONSTANTS = KNOWS + KNOWLEDGE
 X = CONSTANTS
 ROOM = X + N
-WORK = ROOM + N
+FRAME = ROOM + N
+WORK = FRAME + 3
 
 # State: frames so far, x, then these.
 KEPT = 1 + N
 (TRIGGERED, ARMED, TORQUE, SINCE, COMPLETE, ENGINE_BEFORE, RATE_BEFORE, BALANCED, SHAFT, CALM, CANDIDATE,
- CONSTRAINED, TRIGGERS, SURPRISE, UNEXPLAINED, MISSED) = range(KEPT, KEPT + 16)
-STATE = KEPT + 15  # without the count of frames
+ CONSTRAINED, TRIGGERS, SURPRISE, UNEXPLAINED, MISSED, SETTLED, COUNTED, CALM_SIZE) = range(KEPT, KEPT + 19)
+ALIGNMENT = KEPT + 19
+STATE = ALIGNMENT + BLOCK - 1  # without the count of frames
 
 # Time [s] over which the engine's torque balance sets the shaft's torque right before a trigger.
-SMOOTHING = 5e-3
-LARGER = 1.5
+SMOOTHING = 0.05
+LARGER = 1.5  # a size so many times another is not the same lash, or not all of it
 
-INPUT_TORQUE, INPUT_ENGINE, INPUT_WHEEL = range(3)
+FRAME_TORQUE, FRAME_ENGINE, FRAME_WHEEL = FRAME, FRAME + 1, FRAME + 2
 
 
 @dataclass(frozen=True)
@@ -81,26 +100,36 @@ class Trigger:
     torque: float = quantity("N.m", "the crankshaft torque must be above this", start=0.0)
     slope: float = quantity("N.m/s", "and rise faster than this", start=6.0, minimum=0.0)
     settled_rate: float = quantity(
-        "rad/s", "the size has settled when it changes less than this", start=0.6, minimum=0.0)
+        "rad/s", "the size has settled when it changes less than this on average", start=0.6, minimum=0.0)
     settled_torque: float = quantity(
         "N.m", "while the shaft carries more than this", start=15.0, minimum=0.0)
     settled_time: float = quantity("s", "for this long", start=0.03, minimum=0.0)
+    tip_ins: int = quantity("1", "how many tip-ins the size is the mean of; 1 for the last alone, as in the thesis",
+                            start=10, minimum=1, maximum=1000, kind="integer")
 
 
 @dataclass(frozen=True)
 class SizeNoise(Noise):
-    """Covariances tuned for 10 ms to the thesis's "Step 1" and a ramp, see docs/estimators/tkbse.md.
+    """Covariances, see docs/estimators/tkbse.md.
 
-    The lash is what changes (q_6), what the road does is not known (q_5); q_4 shares out where in a frame
-    the torque changed.
+    The lash is what changes (q_6), what the road does is not known (q_5), and the engine speed may depart from
+    what the torque says (q_2), ever so little.
     """
 
     q_1: float = retuned(Noise, "q_1", 1e-9)
     q_2: float = retuned(Noise, "q_2", 1e-2)
     q_3: float = retuned(Noise, "q_3", 1e-9)
-    q_4: float = retuned(Noise, "q_4", 6.4e-3)
+    q_4: float = retuned(Noise, "q_4", 1e-8)
     q_5: float = retuned(Noise, "q_5", 1e2)
     q_6: float = retuned(Noise, "q_6", 1e-4)
+
+
+@dataclass(frozen=True)
+class SizeTrust(Trust):
+    """Also of the delay."""
+
+    delay: float = quantity("s", "standard deviation of the wheel speed's delay that is put up with",
+                            start=5e-3, minimum=0.0)
 
 
 @dataclass(frozen=True)
@@ -109,8 +138,9 @@ class TkbseParameters(ThreeMassDriveline):
 
     noise: SizeNoise = field(default_factory=SizeNoise)
     trigger: Trigger = field(default_factory=Trigger)
+    delay: SoughtDelays = field(default_factory=SoughtDelays)
     sampling: Sampling = field(default_factory=Sampling)
-    trust: Trust = field(default_factory=Trust)
+    trust: SizeTrust = field(default_factory=SizeTrust)
 
 
 @kernel
@@ -146,17 +176,18 @@ def start(state, work, engine_speed, wheel_speed):
     state[ARMED] = 0.0
     state[CALM] = 0.0
     state[CANDIDATE] = 0.0
+    state[SETTLED] = 0.0
     state[TRIGGERS] += 1.0
     state[SURPRISE] = 0.0
     state[UNEXPLAINED] = 0.0
 
 
 @kernel
-def advance(state, work, torque, inputs, engine_good, wheel_good):
-    """One period of the stationary filter (eq. 4.2); note the size while it has settled."""
+def advance(state, work, torque, engine_good, wheel_good):
+    """One period of the stationary filter (eq. 4.2); note the size where it has settled."""
     work[ROOM + 0] = net_torque(work, 0, torque, work[X + ENGINE], shaft_torque(work, 0, X))
     work[ROOM + 1] = road_load(work, 0, work[X + WHEEL])
-    drive, load, before = work[ROOM], work[ROOM + 1], work[X + SIZE]
+    drive, load = work[ROOM], work[ROOM + 1]
     for i in range(N):
         total = work[B + M * i] * drive + work[B + M * i + 1] * load
         for j in range(N):
@@ -164,18 +195,25 @@ def advance(state, work, torque, inputs, engine_good, wheel_good):
         work[ROOM + i] = total
     engine, wheel = 0.0, 0.0
     if engine_good:
-        engine = inputs[INPUT_ENGINE] - work[ROOM + ENGINE]
+        engine = work[FRAME_ENGINE] - work[ROOM + ENGINE]
     if wheel_good:
-        wheel = inputs[INPUT_WHEEL] - work[ROOM + FINAL_DRIVE]
+        wheel = work[FRAME_WHEEL] - work[ROOM + FINAL_DRIVE]
     for i in range(N):
         work[X + i] = work[ROOM + i] + work[GAIN + M * i] * engine + work[GAIN + M * i + 1] * wheel
+    if state[CALM] == 0.0:
+        state[CALM_SIZE] = work[X + SIZE]
     if (shaft_torque(work, 0, X) > work[CALM_TORQUE]
-            and abs(work[X + SIZE] - before) < work[CALM_RATE] * work[PERIOD]):
+            and abs(work[X + SIZE] - state[CALM_SIZE]) < work[CALM_RATE] * work[CALM_TIME]):
         state[CALM] += work[PERIOD]
-        # The first that settles: what comes later drifts where a speed is late. Half of a lash that
-        # lies in two places can settle too, so one much larger replaces it.
-        if state[CALM] >= work[CALM_TIME] and work[X + SIZE] > LARGER * state[CANDIDATE]:
-            state[CANDIDATE] = work[X + SIZE]
+        # Half of a lash that lies in two places can settle too, so one much larger replaces it.
+        if state[CALM] >= work[CALM_TIME]:
+            if work[X + SIZE] > LARGER * state[CANDIDATE]:
+                state[CANDIDATE] = 0.0
+                state[SETTLED] = 0.0
+            # over a period of shuffle, which moves it as long as stiffness and inertias are not quite right
+            if state[SETTLED] * work[PERIOD] < work[SHUFFLE]:
+                state[SETTLED] += 1.0
+                state[CANDIDATE] += (work[X + SIZE] - state[CANDIDATE]) / state[SETTLED]
     else:
         state[CALM] = 0.0
     surprise = 0.5 * (engine * engine / work[SPREAD_ENGINE] + wheel * wheel / work[SPREAD_WHEEL])
@@ -184,19 +222,34 @@ def advance(state, work, torque, inputs, engine_good, wheel_good):
         unexplained_torque(work, 0, engine, wheel, work[PERIOD]) - state[UNEXPLAINED])
 
 
+@kernel
+def conclude(state, work):
+    """A trigger ends: its size joins the mean, or starts a new one where the lash is another."""
+    state[TRIGGERED] = 0.0
+    size = state[CANDIDATE]
+    if size > 0.0:
+        if size > LARGER * state[CONSTRAINED] or state[CONSTRAINED] > LARGER * size:
+            state[COUNTED] = 0.0
+        state[COUNTED] = min(state[COUNTED] + 1.0, work[TIP_INS])
+        if state[COUNTED] == 1.0:
+            state[CONSTRAINED] = size
+        state[CONSTRAINED] += (size - state[CONSTRAINED]) / state[COUNTED]
+
+
 @entry_point
 def tkbse_step(state: F8, constants: F8, work: F8, inputs: F8, outputs: F8, time: float) -> int:
-    """One frame: watch the torque, start or advance the filter or hold it; ``time`` does not matter."""
+    """One frame: align it, watch the torque, start or advance the filter or hold it; ``time`` does not matter."""
     for i in range(CONSTANTS):
         work[i] = constants[i]
     for i in range(N):
         work[X + i] = state[1 + i]
-    torque_good = plausible(inputs[INPUT_TORQUE], PLAUSIBLE_TORQUE)
-    engine_good = plausible(inputs[INPUT_ENGINE], PLAUSIBLE_SPEED)
-    wheel_good = plausible(inputs[INPUT_WHEEL], PLAUSIBLE_SPEED)
+    age = align(state, work, ALIGNMENT, KNOWS, inputs, FRAME)
+    torque_good = plausible(work[FRAME_TORQUE], PLAUSIBLE_TORQUE)
+    engine_good = plausible(work[FRAME_ENGINE], PLAUSIBLE_SPEED)
+    wheel_good = plausible(work[FRAME_WHEEL], PLAUSIBLE_SPEED)
     torque, wanted = state[TORQUE], state[TRIGGERED] > 0.0
     if torque_good:
-        torque = inputs[INPUT_TORQUE]
+        torque = work[FRAME_TORQUE]
         slope = 0.0
         if state[SINCE] > 0.0:
             slope = (torque - state[TORQUE]) / (work[PERIOD] * state[SINCE])
@@ -205,18 +258,21 @@ def tkbse_step(state: F8, constants: F8, work: F8, inputs: F8, outputs: F8, time
             state[ARMED] = 1.0
     rate = 0.0
     if engine_good and wheel_good:
-        rate = inputs[INPUT_ENGINE] / work[I_TR] - work[I_FDR] * inputs[INPUT_WHEEL]
+        rate = work[FRAME_ENGINE] / work[I_TR] - work[I_FDR] * work[FRAME_WHEEL]
     if torque_good and engine_good and wheel_good and state[COMPLETE] > 0.0:
-        balance(state, work, torque, inputs[INPUT_ENGINE], rate)
+        balance(state, work, torque, work[FRAME_ENGINE], rate)
     else:
         state[BALANCED] = 0.0
+    if state[BALANCED] > 0.0 and abs(state[SHAFT]) > work[CALM_TORQUE]:
+        learn(state, work, ALIGNMENT, KNOWS, 0.5 * (state[RATE_BEFORE] + rate) * work[PERIOD],
+              state[SHAFT] / work[K_S], work[I_FDR] * work[FRAME_WHEEL])
+    else:
+        interrupt(state, ALIGNMENT)
     state[RATE_BEFORE] = rate
     if state[TRIGGERED] > 0.0 and not wanted:
-        state[TRIGGERED] = 0.0
-        if state[CANDIDATE] > 0.0:
-            state[CONSTRAINED] = state[CANDIDATE]
+        conclude(state, work)
     if state[TRIGGERED] > 0.0:
-        advance(state, work, 0.5 * (state[TORQUE] + torque), inputs, engine_good, wheel_good)
+        advance(state, work, 0.5 * (state[TORQUE] + torque), engine_good, wheel_good)
         for i in range(N):
             if not plausible(work[X + i], 10.0 * PLAUSIBLE_SPEED):
                 state[TRIGGERED] = 0.0
@@ -224,13 +280,15 @@ def tkbse_step(state: F8, constants: F8, work: F8, inputs: F8, outputs: F8, time
             for i in range(N):
                 work[X + i] = 0.0
     elif wanted and state[ARMED] > 0.0 and engine_good and wheel_good:
-        start(state, work, inputs[INPUT_ENGINE], inputs[INPUT_WHEEL])
+        start(state, work, work[FRAME_ENGINE], work[FRAME_WHEEL])
+    if state[TRIGGERED] == 0.0:  # one delay for a whole trigger
+        state[ALIGNMENT + USED] = state[ALIGNMENT + FOUND]
     state[MISSED] += work[PERIOD]
     state[COMPLETE] = 0.0
     if torque_good and engine_good and wheel_good:
         state[MISSED] = 0.0
         state[COMPLETE] = 1.0
-        state[ENGINE_BEFORE] = inputs[INPUT_ENGINE]
+        state[ENGINE_BEFORE] = work[FRAME_ENGINE]
     if torque_good:
         state[TORQUE] = torque
         state[SINCE] = 1.0
@@ -244,10 +302,14 @@ def tkbse_step(state: F8, constants: F8, work: F8, inputs: F8, outputs: F8, time
     outputs[8] = state[TRIGGERS]
     outputs[9] = state[SURPRISE]
     outputs[10] = sqrt(max(state[UNEXPLAINED], 0.0))
-    outputs[11] = 1.0
+    outputs[11] = age
+    outputs[12] = work[KNOWS + KNOWN_WHEEL] + state[ALIGNMENT + FOUND]
+    outputs[13] = sqrt(max(state[ALIGNMENT + VARIANCE], 0.0))
+    outputs[14] = 1.0
     if (state[CONSTRAINED] == 0.0 or not state[SURPRISE] <= work[SURPRISE_BOUND]
-            or not outputs[10] <= work[TORQUE_BOUND] or state[MISSED] > work[MISSED_BOUND]):
-        outputs[11] = 0.0
+            or not outputs[10] <= work[TORQUE_BOUND] or state[MISSED] > work[MISSED_BOUND]
+            or outputs[13] > work[DELAY_BOUND]):
+        outputs[14] = 0.0
     return 0
 
 
@@ -273,6 +335,9 @@ class Tkbse(Estimator):
         estimate("triggers", "1", "tip-ins listened to so far"),
         estimate("surprise", "1", "mean normalised innovation; about 1 if the covariances are right"),
         estimate("unexplained_torque", "N.m", "torque the innovations stand for, at the crankshaft", 10.0),
+        estimate("latency", "s", "age of the frame that all this refers to", 0.01),
+        estimate("wheel_speed_delay", "s", "delay of the wheel speed, known and found", 0.01),
+        estimate("wheel_speed_delay_deviation", "s", "its standard deviation", 0.01),
         estimate("trusted", "1", "1 when a size was found with innovations and frames as they should be"),
     )
 
@@ -282,11 +347,21 @@ class Tkbse(Estimator):
         model = twists(Lumped.of(parameters), CONTACT)
         period, trigger, trust = parameters.sampling.period, parameters.trigger, parameters.trust
         a, b = discretise(model.A, model.B, period)
-        noise = np.diag(parameters.noise.measurement)
-        gain, spread = stationary_gain(a, measurement_matrix(), np.diag(parameters.noise.process), noise)
+        # the lash moves evenly from frame to frame, not by a jump at the first
+        way, noise = evenly(model.A, SIZE, period), parameters.noise
+        process = np.diag(noise.process) * (np.arange(N) != SIZE) + noise.q_6 * np.outer(way, way)
+        gain, spread = stationary_gain(a, measurement_matrix(), process, np.diag(noise.measurement))
+        shuffle = shuffle_period(model.A)
         return np.concatenate([
             driveline_constants(parameters), gain.ravel(), a.ravel(), b.ravel(),
             [trigger.torque, trigger.slope, trigger.settled_rate, trigger.settled_torque,
              trigger.settled_time - 0.5 * period, period], np.diag(spread),
             [1.0 - np.exp(-period / SMOOTHING), min(1.0, period / AVERAGED),
-             trust.surprise, trust.torque, trust.missing]])
+             trust.surprise, trust.torque, trust.missing, trust.delay, shuffle, trigger.tip_ins],
+            parameters.delay.constants(period, shuffle)])
+
+
+def shuffle_period(a: np.ndarray) -> float:
+    """Period [s] of the slowest vibration of x' = A x."""
+    frequencies = np.abs(np.linalg.eigvals(a).imag)
+    return float(2.0 * np.pi / frequencies[frequencies > 1e-3].min())

@@ -14,6 +14,7 @@ from driveline.estimators.tkbse import Tkbse
 from driveline.vehicles import load
 
 N = 6
+THESIS = {"delay.wheel_speed_deviation": 0.0, "trigger.tip_ins": 1.0}  # nothing that goes beyond it
 
 
 def make(gear=5, period=0.01, **inputs):
@@ -142,7 +143,7 @@ def test_everything_is_held_between_triggers():
 
 def test_speeds_start_from_those_measured_at_each_trigger():
     data = record()
-    found = estimate(data)
+    found = estimate(data, estimator=make(**THESIS))
     for i in np.nonzero(np.diff(found["triggered"]) > 0.0)[0] + 1:
         at = np.searchsorted(data["time"], found["time"][i] - 1e-6)
         assert found["engine_speed_estimate"][i] == data["engine_speed"][at]
@@ -188,6 +189,103 @@ def test_size_hardly_depends_on_where_the_frames_fall(scale, spread):
 @pytest.mark.parametrize("milliseconds", [10, 1])
 def test_sixth_gear(milliseconds):
     assert abs(size_error(2, 6, milliseconds)) <= 2.0
+
+
+@pytest.mark.parametrize("tip_ins", [2, 10])
+def test_the_size_is_the_mean_of_the_last_tip_ins(tip_ins):
+    edges = tuple((0.5 + 4.0 * i + 0.013 * i, 2.5 + 4.0 * i, 200.0) for i in range(4))
+    data = record(edges=edges)
+    single = estimate(data, estimator=make(**THESIS))["lash_size"]
+    mean = estimate(data, estimator=make(**THESIS | {"trigger.tip_ins": tip_ins}))["lash_size"]
+    ends = np.nonzero(np.diff(single))[0] + 1
+    assert ends.size == 4
+    expected = single[ends[0]]
+    for i, end in enumerate(ends, start=1):
+        expected += (single[end] - expected) / min(i, tip_ins)
+        assert mean[end] == pytest.approx(expected, rel=1e-12)
+
+
+def test_another_lash_starts_another_mean():
+    """Twice as much from one tip-in to the next: what was found before no longer counts."""
+    first, second = (np.column_stack([record(scale)[name] for name in ("crankshaft_torque", "engine_speed",
+                                                                       "wheel_speed")]) for scale in (1, 2))
+    estimator = make()
+    estimator.values[:3] = first[0]
+    estimator.initialize()
+    sizes = [columns(estimator, estimator.simulate(part[9::10]))["lash_size"][-1] for part in (first, second)]
+    assert sizes == [pytest.approx(true_size(1), rel=0.02), pytest.approx(true_size(2), rel=0.02)]
+
+
+# ---- late speeds -------------------------------------------------------------------------------------
+
+
+def late(data, engine, wheel, estimator, milliseconds=10):
+    """The estimator's outputs over a record of the plant, the speeds late by so many ms."""
+    signals = [data["crankshaft_torque"], data["engine_speed"], data["wheel_speed"]]
+    for i, lag in ((1, engine), (2, wheel)):
+        if lag:
+            signals[i] = np.concatenate([np.full(lag, signals[i][0]), signals[i][:-lag]])
+    signals = np.column_stack(signals)
+    estimator.values[:3] = signals[0]
+    estimator.initialize()
+    return columns(estimator, estimator.simulate(signals[milliseconds - 1::milliseconds]))
+
+
+@pytest.mark.parametrize(("engine", "wheel"), [(0, 30), (10, 30), (20, 0), (10, 10)])
+def test_delays_that_are_told_only_make_it_later(engine, wheel):
+    """By whole frames, and to the bit."""
+    age = max(engine, wheel)
+    plain = late(record(), 0, 0, make(**THESIS))
+    told = {"delay.engine_speed": 1e-3 * engine, "delay.wheel_speed": 1e-3 * wheel}
+    found = late(record(), engine, wheel, make(**THESIS, **told))
+    assert (found["latency"] == 1e-3 * age).all()
+    frames = slice(30, None)  # before, the first frame counts as what was before it
+    for name in ("lash_size", "lash_size_unconstrained", "triggered", "shaft_twist"):
+        np.testing.assert_array_equal(found[name][age // 10:][frames], plain[name][:-age // 10][frames])
+
+
+@pytest.mark.parametrize("milliseconds", [10, 5, 1])
+@pytest.mark.parametrize(("engine", "wheel"), [(0, 0), (0, 30), (10, 30), (20, 0)])
+def test_a_late_speed_is_found_and_does_no_harm(engine, wheel, milliseconds):
+    found = late(record(), engine, wheel, make(period=1e-3 * milliseconds), milliseconds)
+    assert found["wheel_speed_delay"][-1] == pytest.approx(1e-3 * (wheel - engine), abs=1e-3)
+    assert found["wheel_speed_delay_deviation"][-1] < 2e-3 and found["trusted"][-1] == 1.0
+    assert found["lash_size"][-1] == pytest.approx(true_size(), rel=0.02)
+
+
+def test_without_that_a_late_wheel_speed_does_harm():
+    """What the thesis's estimator makes of it: the twist is off by the lag times the speed gained."""
+    found = late(record(), 0, 20, make(**THESIS))
+    plain = late(record(), 0, 0, make(**THESIS))
+    wheel = record()["wheel_speed"][9::10]
+    first = np.argmax(plain["triggered"] == 1.0)
+    for after in (0.3, 0.5, 0.7):  # since the trigger, in contact
+        row = first + round(after / 0.01)
+        expected = 0.02 * make()["gear.final_drive_ratio"] * (wheel[row - 1] - wheel[first - 1])
+        drift = found["lash_size_unconstrained"][row] - plain["lash_size_unconstrained"][row]
+        assert drift == pytest.approx(expected, abs=0.1 * expected + 0.02 * true_size())
+
+
+@pytest.mark.parametrize(("parameter", "factor"), [("shaft.stiffness", 1.5), ("engine_inertia", 1.3),
+                                                   ("vehicle.mass", 1.5)])
+def test_the_delay_is_found_with_wrong_parameters_too(parameter, factor):
+    estimator = make()
+    estimator[parameter] = factor * estimator[parameter]
+    found = late(record(), 0, 25, estimator)
+    assert found["wheel_speed_delay"][-1] == pytest.approx(0.025, abs=1e-3)
+
+
+def test_a_size_is_not_trusted_before_the_delay_is_known():
+    """A tip-in right at the start, with no time in contact before."""
+    cut = round((TIP_INS[0][0] - 0.1) * 1000)
+    data = {name: record()[name][cut:] for name in ("crankshaft_torque", "engine_speed", "wheel_speed")}
+    found = late(data, 0, 0, make())
+    unsure = found["wheel_speed_delay_deviation"] > make()["trust.delay"]
+    assert unsure[0] and not unsure[-1]
+    assert not found["trusted"][unsure].any() and found["trusted"][-1] == 1.0
+
+
+# ---- together with the state estimator -----------------------------------------------------------------
 
 
 def test_the_size_it_finds_is_what_the_state_estimator_needs():
