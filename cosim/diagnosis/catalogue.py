@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import inspect
 import pkgutil
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from cosim.diagnosis import effects
@@ -55,3 +55,9 @@ def apply_all(sizes: Mapping[str, Values], values: Values) -> dict[str, float]:
     for name, one in sizes.items():
         values = apply(effect(name), one, values)
     return dict(values)
+
+
+def shown_by(knows: Callable[[str], bool]) -> dict[str, Effect]:
+    """The effects a plant can show, each with the parameters it has; see ``Effect.shown_by``."""
+    found = {name: one.shown_by(knows) for name, one in CATALOGUE.items()}
+    return {name: one for name, one in found.items() if one is not None}

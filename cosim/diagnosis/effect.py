@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from driveline.quantities import InputError
 
@@ -119,6 +119,8 @@ class Effect:
         parameters: One to three.
         nuisances: Values that come with it but say nothing, and differ from recording to recording (the
             phase of a ripple); to be fitted beside it.
+        elsewhere: The same physics where it has other numbers: on a bench, on a carriage. A plant that has their
+            targets shows them; a car has none of them.
         joint: Whether its parameters mean nothing alone.
         change: What the sizes make of the values, where it is more than factors and sums:
             ``(sizes with none missing, values) -> changed values``.
@@ -128,6 +130,7 @@ class Effect:
     acts_on: str
     parameters: tuple[EffectParameter, ...]
     nuisances: tuple[str, ...] = ()
+    elsewhere: tuple[EffectParameter, ...] = ()
     joint: bool = False
     change: Callable[[Values, Values], dict[str, float]] | None = None
     name: str = ""
@@ -145,6 +148,22 @@ class Effect:
         """The measured channels whose sensor it is; none for an effect of plant or input."""
         names = (t.split(".")[1] for p in self.parameters for t in p.targets if t.startswith("observe."))
         return tuple(dict.fromkeys(names))
+
+    def shown_by(self, knows: Callable[[str], bool]) -> Effect | None:
+        """The effect as a plant shows it: the parameters and targets it has; None where it has none of them.
+
+        Args:
+            knows: Whether a value of this name does anything there; ``[1]`` stands for a table.
+        """
+        shown = []
+        for p in (*self.parameters, *self.elsewhere):
+            targets = tuple(t for t in p.targets if knows(t.replace("[*]", "[1]")))
+            if targets and (len(targets) == len(p.targets) or self.change is None):
+                shown.append(replace(p, targets=targets))
+        if not shown:
+            return None
+        change = self.change if all(p.name in {s.name for s in shown} for p in self.parameters) else None
+        return replace(self, parameters=tuple(shown), elsewhere=(), change=change)
 
     def complete(self, sizes: Values) -> dict[str, float]:
         """The sizes, with the neutral one for every parameter not given.

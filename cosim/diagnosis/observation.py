@@ -33,9 +33,10 @@ NEUTRAL = {"gain": 1.0, "offset": 0.0, "filter_period": 0.0, "delay": 0.0, "ecce
            "eccentricity_phase": 0.0, "clock_drift": 0.0, "clock_offset": 0.0}
 CHANNELS = ("engine_speed", "turbine_speed", "transmission_output_speed", "wheel_speed", "vehicle_speed",
             "propeller_shaft_torque", "seat_acceleration", "differential_acceleration")
+BENCH_CHANNELS = ("motor_speed", "motor_position", "inline_torque", "position")
 # No error anywhere, of inputs and sensors; what a plant's own parameters do not hold.
 DEFAULTS = {"input.road_grade.offset": 0.0} | {
-    f"{PREFIX}{channel}.{name}": value for channel in CHANNELS for name, value in NEUTRAL.items()}
+    f"{PREFIX}{channel}.{name}": value for channel in CHANNELS + BENCH_CHANNELS for name, value in NEUTRAL.items()}
 METERED = "propeller_shaft_torque"
 # Below this period [s] of its edge the filter cannot be made at 1 kHz; from there to 0 it fades out.
 SHORTEST_PERIOD = 1.0 / 300.0

@@ -1,11 +1,9 @@
-"""The motor of a bench: a rotor with friction, and an estimate of its torque.
+"""The motor of a bench: a rotor, and an estimate of its torque.
 
 Unlike an engine it drives both ways, from standstill on, and no control unit stands between request and
 torque:
 
     delivered = gain * request(t - delay) + offset
-
-against dry and viscous friction of its bearings and seals (law of ``friction``).
 """
 
 from __future__ import annotations
@@ -21,8 +19,6 @@ class Motor:
 
     inertia: float = quantity("kg.m2", "rotor and what turns with it before the inline sensor", minimum=1e-9,
                               nominal=1e-4)
-    friction_constant: float = quantity("N.m", "dry friction of the motor", start=0.0, minimum=0.0)
-    friction_viscous: float = quantity("N.m.s/rad", "viscous friction of the motor", start=0.0, minimum=0.0)
     torque_gain: float = quantity("1", "delivered over estimated torque", start=1.0, minimum=0.0)
     torque_offset: float = quantity("N.m", "error of the estimated torque", start=0.0)
     air_delay: float = quantity("s", "delay of the torque behind its estimate", start=0.0, minimum=0.0, maximum=1.0)

@@ -32,8 +32,16 @@ class Load:
 
 
 @dataclass(frozen=True)
-class Bearing:
-    """The bearings of what turns behind the inline sensor."""
+class MotorBearing:
+    """The bearings and seals of the motor."""
+
+    friction: float = quantity("N.m", "dry friction of the motor's bearings and seals", start=0.0, minimum=0.0)
+    damping: float = quantity("N.m.s/rad", "viscous friction of the motor's bearings", start=0.0, minimum=0.0)
+
+
+@dataclass(frozen=True)
+class LoadBearing:
+    """The bearings of what turns behind the inline sensor; their dry friction is the ``coulomb_drag``."""
 
     damping: float = quantity("N.m.s/rad", "viscous friction of the load's bearings", start=0.0, minimum=0.0)
 
@@ -50,9 +58,10 @@ class BenchParameters:
     """Every number of the dynamometer; the tables of its vehicle file bear these names."""
 
     engine: Motor
+    motor_bearing: MotorBearing
     propeller_shaft: Shaft
     hub: Load
-    bearing: Bearing
+    load_bearing: LoadBearing
     coulomb_drag: CoulombDrag
     start: BenchStart
     solver: Solver
@@ -105,6 +114,38 @@ class SmallPlant(Plant):
         vehicle.check(parameter_variables(from_values(cls.Parameters, vehicle.values)))
         return dict(vehicle.values)
 
+    def coasting(self, speed: np.ndarray) -> np.ndarray:
+        """What each node would do if nothing but the input drove it and nothing held it to the others.
+
+        For inverse dynamics: multiplied by its inertia, what is missing to a measured acceleration is the
+        torque that must reach the node.
+
+        Args:
+            speed: Of all nodes [rad/s or m/s], shape (n,); dry friction slips, also at standstill.
+
+        Returns:
+            Accelerations, shape (nodes, n). The model must be initialised; its state does not change.
+        """
+        net = self.network
+        nodes, n = len(net.nodes), int(net.plan[k.CONTINUOUS])
+        state, result = self.state.copy(), np.zeros(2 * n)
+        evaluate = self._rates_kernel.bind(state, net.plan, net.constants, net.work, self._inputs, result)
+        rubbing = [net.modes.start + b for b, row in enumerate(self._branch_rows()) if row[k.LAW] == k.FRICTION]
+        state[:n] = 0.0
+        found = np.empty((nodes, speed.size))
+        for i, v in enumerate(speed.tolist()):
+            state[:nodes] = v
+            state[rubbing] = -1.0 if v < 0.0 else 1.0
+            evaluate()
+            found[:, i] = result[:nodes]
+        return found
+
+    @property
+    def inertias(self) -> np.ndarray:
+        """Of all nodes [kg.m2 or kg]."""
+        start = self.network.plan[k.INERTIA]
+        return self.network.constants[start:start + len(self.network.nodes)].copy()
+
 
 class BenchPlant(SmallPlant):
     """A motor drives a load through a shaft in which an inline sensor measures the torque."""
@@ -132,9 +173,9 @@ class BenchPlant(SmallPlant):
         net.integral(motor, "motor_angle", "rad", "angle of the motor since the start")
         net.source("motor_torque", motor, p.engine.torque_gain, k.DELAYED)
         net.source("motor_torque_offset", motor, p.engine.torque_offset, k.ONE)
-        net.friction("motor_friction", motor, GROUND, p.engine.friction_constant, drag=p.engine.friction_viscous)
+        net.friction("motor_friction", motor, GROUND, p.motor_bearing.friction, drag=p.motor_bearing.damping)
         shaft = net.shaft("propeller_shaft", motor, load, p.propeller_shaft.stiffness, p.propeller_shaft.damping)
-        net.friction("load_friction", load, GROUND, p.coulomb_drag.torque, drag=p.bearing.damping)
+        net.friction("load_friction", load, GROUND, p.coulomb_drag.torque, drag=p.load_bearing.damping)
         net.output("motor_speed", Term(k.SPEED, motor))
         net.output("motor_position", Term(k.LEVEL, net.place("motor_angle")))
         net.output("load_speed", Term(k.SPEED, load))

@@ -15,4 +15,9 @@ EFFECT = Effect(
               meaning="loss over carried torque on the coast side beyond that of the drive side",
               spread=0.06, limits=(-0.03, 0.6), detection=0.04),
     ),
+    elsewhere=(
+        shift("backward_damping", "asymmetric_friction.backward_damping", unit="N.s/m",
+              meaning="viscous friction of a guide moving backward beyond that moving forward",
+              spread=100.0, limits=(-2000.0, 2000.0), detection=15.0),
+    ),
 )

@@ -16,4 +16,12 @@ EFFECT = Effect(
               meaning="dry friction torque at the axle",
               spread=25.0, limits=(0.0, 800.0), detection=15),
     ),
+    elsewhere=(
+        shift("motor_bearing_friction", "motor_bearing.friction", unit="N.m",
+              meaning="dry friction of a bench's motor beyond the file's",
+              spread=0.1, limits=(-10.0, 100.0), detection=0.005),
+        shift("guide_friction", "guide.friction", unit="N",
+              meaning="dry friction of a carriage's guide beyond the file's",
+              spread=10.0, limits=(-100.0, 500.0), detection=1.0),
+    ),
 )

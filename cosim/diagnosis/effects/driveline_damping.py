@@ -18,4 +18,12 @@ EFFECT = Effect(
                meaning="damping of transmission, shafts and tyre sidewalls",
                spread=0.4, limits=(0.1, 8.0), detection=0.35),
     ),
+    elsewhere=(
+        factor("bearing_damping", "motor_bearing.damping", "load_bearing.damping", unit="N.m.s/rad",
+               meaning="viscous friction of a bench's bearings",
+               spread=0.4, limits=(0.1, 8.0), detection=0.35),
+        factor("guide_damping", "guide.damping", unit="N.s/m",
+               meaning="viscous friction of a carriage's guide",
+               spread=0.4, limits=(0.1, 8.0), detection=0.2),
+    ),
 )

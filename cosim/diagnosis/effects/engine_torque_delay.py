@@ -15,4 +15,9 @@ EFFECT = Effect(
               meaning="delay of the air path beyond the file's",
               spread=0.02, limits=(-0.04, 0.3), detection=0.006),
     ),
+    elsewhere=(
+        shift("drive_delay", "drive.delay", unit="s",
+              meaning="delay of a carriage's drive beyond the file's",
+              spread=0.02, limits=(-0.04, 0.3), detection=0.006),
+    ),
 )

@@ -15,4 +15,9 @@ EFFECT = Effect(
                meaning="delivered over estimated indicated torque",
                spread=0.06, limits=(0.6, 1.5), detection=0.03),
     ),
+    elsewhere=(
+        factor("drive_force_gain", "drive.force_gain", unit="1",
+               meaning="delivered over estimated force of a carriage's drive",
+               spread=0.06, limits=(0.6, 1.5), detection=0.03),
+    ),
 )

@@ -14,4 +14,9 @@ EFFECT = Effect(
               meaning="torque at the crankshaft beyond the estimated one",
               spread=8.0, limits=(-80.0, 80.0), detection=2),
     ),
+    elsewhere=(
+        shift("drive_force_offset", "drive.force_offset", unit="N",
+              meaning="force of a carriage's drive beyond the estimated one",
+              spread=5.0, limits=(-50.0, 50.0), detection=1.0),
+    ),
 )

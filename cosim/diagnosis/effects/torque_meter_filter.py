@@ -24,5 +24,10 @@ EFFECT = Effect(
               meaning="period of the stop band edge of the filter beyond the file's, 0 without a filter",
               spread=0.02, limits=(-0.2, 0.2), detection=0.004, probes=(0.03333,)),
     ),
+    elsewhere=(
+        shift("inline_torque_filter_period", "observe.inline_torque.filter_period", unit="s",
+              meaning="period of the stop band edge of a filter behind a bench's inline sensor, 0 without",
+              spread=0.02, limits=(0.0, 0.2), detection=0.004, probes=(0.03333,)),
+    ),
     change=_filtered,
 )

@@ -15,4 +15,9 @@ EFFECT = Effect(
                meaning="indicated over true torque",
                spread=0.06, limits=(0.5, 2.0), detection=0.02),
     ),
+    elsewhere=(
+        factor("inline_torque_gain", "observe.inline_torque.gain", unit="1",
+               meaning="indicated over true torque of a bench's inline sensor",
+               spread=0.06, limits=(0.5, 2.0), detection=0.02),
+    ),
 )

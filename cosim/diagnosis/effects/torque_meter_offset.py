@@ -15,4 +15,9 @@ EFFECT = Effect(
               meaning="indicated torque at zero torque",
               spread=10.0, limits=(-200.0, 200.0), detection=3),
     ),
+    elsewhere=(
+        shift("inline_torque_offset", "observe.inline_torque.offset", unit="N.m",
+              meaning="indication of a bench's inline sensor at zero torque",
+              spread=0.1, limits=(-10.0, 10.0), detection=0.005),
+    ),
 )

@@ -153,9 +153,9 @@ class InstrumentedPlant:
         return inputs
 
 
-def compared(manoeuvre: Manoeuvre, names: Iterable[str], start: float,
-             stop: float) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Clocks and values of the channels between two instants [s], thinned where they are very fast.
+def compared(manoeuvre: Manoeuvre, names: Iterable[str], start: float, stop: float,
+             fastest: float = _RATE) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Clocks and values of the channels between two instants [s], thinned where they are faster [Hz].
 
     A channel with fewer than ten samples there is left out.
     """
@@ -166,6 +166,6 @@ def compared(manoeuvre: Manoeuvre, names: Iterable[str], start: float,
         if inside.size < 10:
             continue
         rate = (inside.size - 1) / max(np.ptp(channel.time[inside]), 1e-9)
-        inside = inside[::max(1, round(rate / _RATE))]
+        inside = inside[::max(1, round(rate / fastest))]
         clocks[name], measured[name] = channel.time[inside], channel.values[inside]
     return clocks, measured

@@ -1,0 +1,161 @@
+"""Benches whose masses move as one: instead of simulating them freely, their torques are asked for.
+
+A bench without a load to lean on integrates every error of its torque into its speed; after seconds a free
+simulation says nothing any more. The other way round nothing is integrated: the motion that was measured goes
+into the equations of motion, and out come the torques that make it (inverse dynamics). Below its first
+resonance a bench moves as one, and the torque at any section is what the masses behind it need:
+
+    torque = sum of inertia * (measured acceleration - acceleration of the coasting plant at that speed)
+
+The accelerations of the coasting plant are those of the assembled plant itself: no law is written twice, and
+every effect that changes a value changes the torque.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+from scipy.signal import butter, sosfiltfilt
+
+from cosim.diagnosis.observation import Errors, observe
+from cosim.diagnosis.plants.base import InstrumentedPlant, compared
+from cosim.diagnosis.plants.run import STEP, Run
+from cosim.measured import Manoeuvre, Measurement
+from driveline.kernels import network as k
+from driveline.quantities import InputError
+
+LONGEST = 10.0  # s: stretches into which a recording is cut
+_SMOOTH = 100.0  # Hz: a position is smoothed up to here before it is differentiated
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What was measured of a run's motion, on its even clock.
+
+    Attributes:
+        time: Instants [s], every ``STEP``.
+        speed: Speed of all nodes [rad/s or m/s].
+        acceleration: Its derivative.
+        position: Integral of the speed, as it was measured.
+    """
+
+    time: np.ndarray
+    speed: np.ndarray
+    acceleration: np.ndarray
+    position: np.ndarray
+
+
+class RigidPlant(InstrumentedPlant):
+    """A bench whose nodes stand in a line from the drive outward and move as one.
+
+    Attributes:
+        motions: Channels the motion may be taken from, best first; a position is differentiated.
+        sections: The channels of torque or force, and the first node behind each; the drive's own first.
+    """
+
+    motions: ClassVar[tuple[str, ...]]
+    sections: ClassVar[Mapping[str, str]]
+
+    def knows(self, name: str) -> bool:
+        """As for any plant; of instruments only those there are."""
+        if name.startswith(("observe.", "input.")):
+            return name.split(".")[1] in (self.channels if name.startswith("observe.") else self.columns)
+        return super().knows(name)
+
+    @property
+    def ranges(self) -> dict[str, tuple[float, float]]:
+        """Smallest and largest possible value of every parameter of the plant."""
+        return {v.name: (-np.inf if v.minimum is None else v.minimum, np.inf if v.maximum is None else v.maximum)
+                for v in self._plant.variables if v.causality == "parameter"}
+
+    def runs(self, measurement: Measurement, longest: float = LONGEST) -> list[Run]:
+        """The manoeuvres of a measurement, cut into equal stretches of at most ``longest`` [s].
+
+        Raises:
+            InputError: The torque or force of the drive or all motion is missing, or a manoeuvre is too short.
+        """
+        return [run for manoeuvre in measurement.manoeuvres for run in self._cut(manoeuvre, longest)]
+
+    def _cut(self, manoeuvre: Manoeuvre, longest: float) -> list[Run]:
+        self._driven(manoeuvre)
+        if not any(name in manoeuvre for name in self.motions):
+            raise InputError(f"manoeuvre '{manoeuvre.name}' shows no motion: one of {', '.join(self.motions)} "
+                             "is needed")
+        start, stop = self._span(manoeuvre)
+        count = max(1, int(np.ceil((stop - start) / longest)))
+        bounds = np.linspace(start, stop, count + 1)
+        return [self._run(manoeuvre, manoeuvre.name if count == 1 else f"{manoeuvre.name}_{i}", a, b)
+                for i, (a, b) in enumerate(zip(bounds, bounds[1:]), start=1)]
+
+    def _run(self, manoeuvre: Manoeuvre, name: str, start: float, stop: float) -> Run:
+        inputs = self._inputs(manoeuvre, start, stop)
+        present = [channel for channel in self.channels if channel in manoeuvre]
+        clocks, measured = compared(manoeuvre, present, start, start + STEP * (len(inputs) - 1), fastest=np.inf)
+        run = Run(name, manoeuvre.kind, manoeuvre.gear or 0, start, inputs, 0.0, clocks, measured)
+        return replace(run, start_speed=float(self.motion(run, self.values).speed[0]))
+
+    def motion(self, run: Run, values: Mapping[str, float]) -> Motion:
+        """The motion as it was, from the best channel that shows it, that sensor's errors undone."""
+        time = run.start + STEP * np.arange(len(run.inputs))
+        name = next(name for name in self.motions if name in run.clocks)
+        errors = Errors.of(name, values)
+        shown = np.interp(time + errors.delay, run.clocks[name], run.measured[name])
+        shown = (shown - errors.offset) / errors.gain
+        if name.endswith("position"):
+            smooth = butter(4, min(_SMOOTH, 0.2 / STEP), fs=1.0 / STEP, output="sos")
+            position = sosfiltfilt(smooth, shown) if _SMOOTH * STEP < 0.5 else shown
+            speed = np.gradient(position, STEP)
+        else:
+            speed = shown
+            position = np.concatenate([[0.0], np.cumsum(0.5 * STEP * (speed[1:] + speed[:-1]))])
+        return Motion(time, speed, np.gradient(speed, STEP), position)
+
+    def torques(self, values: Mapping[str, float], run: Run, motion: Motion | None = None) -> dict[str, np.ndarray]:
+        """What the channels of torque or force should read for the run to have moved as it did.
+
+        Args:
+            values: Parameters of plant and sensors.
+            run: Only its motion is used.
+            motion: That motion, if it is at hand.
+
+        Returns:
+            Each channel on the even clock of ``motion``: the drive's as estimated, the others as sensors show.
+        """
+        motion = self.motion(run, values) if motion is None else motion
+        plant = self._plant
+        for name in self._parameters:
+            plant.values[plant.index[name]] = values[name]
+        plant[self.driver] = 0.0
+        plant.initialize()
+        inertia = plant.inertias[:, None]
+        behind = inertia * (motion.acceleration - plant.coasting(motion.speed))
+        plant[self.driver] = 1.0
+        still = np.zeros(1)
+        driven = plant.coasting(still)
+        plant[self.driver] = 0.0
+        unit = float((inertia * (driven - plant.coasting(still))).sum())  # torque for one unit of the estimate
+        found = {}
+        for channel, node in self.sections.items():
+            needed = behind[plant.network.nodes[node]:].sum(axis=0)
+            if channel == self.driver:  # an estimate that is early by the delay
+                delay = plant.network.constants[k.DELAY]
+                found[channel] = np.interp(motion.time + delay, motion.time, needed / unit)
+            elif channel in run.clocks:
+                found[channel] = observe({channel: needed}, motion.time, values, channel, motion.time)
+        return found
+
+    def shown(self, run: Run) -> dict[str, np.ndarray]:
+        """What those channels did read, on the same clock."""
+        time = run.start + STEP * np.arange(len(run.inputs))
+        return {channel: run.inputs[:, self.columns[channel]] if channel == self.driver
+                else np.interp(time, run.clocks[channel], run.measured[channel])
+                for channel in self.sections if channel == self.driver or channel in run.clocks}
+
+    def instruments(self, raw: Mapping[str, np.ndarray], values: Mapping[str, float], run: Run) -> np.ndarray:
+        """As for any plant; a position is measured from where it was at the start of the run."""
+        zero = {name: raw[name] + run.measured[name][0] if name.endswith("position") else raw[name]
+                for name in run.clocks}
+        return super().instruments(zero, values, run)

@@ -1,0 +1,79 @@
+"""Least squares on inverse dynamics: filtering that keeps the phase, and blocks of time that stand for samples.
+
+Torques that a measured motion needs are compared with measured ones only where the motion is known: both go
+through the same zero-phase low pass, and are thinned to what then is independent. What is left is not quite
+white, so nothing is decided sample by sample: neighbouring ones stand together as a block.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import cheby1, sosfiltfilt
+from scipy.stats import t as student
+
+
+@dataclass(frozen=True)
+class Band:
+    """The part of a signal that is compared.
+
+    Attributes:
+        edge: Of the low pass [Hz], Chebyshev type I, forward and backward.
+        ripple: In its pass band [dB].
+        order: Of one pass.
+        rate: Samples a second that are kept.
+    """
+
+    edge: float = 20.0
+    ripple: float = 0.8
+    order: int = 8
+    rate: float = 40.0
+
+    def of(self, signal: np.ndarray, step: float, trim: float = 0.0) -> np.ndarray:
+        """A signal filtered and thinned.
+
+        Args:
+            signal: On an even clock, the last axis is time.
+            step: Its distance [s].
+            trim: Left out at either end [s], where the filter does not know what was before or comes after.
+        """
+        sections = cheby1(self.order, self.ripple, self.edge, fs=1.0 / step, output="sos")
+        cut = round(trim / step)
+        smooth = sosfiltfilt(sections, signal, axis=-1)
+        return smooth[..., cut:smooth.shape[-1] - cut:max(1, round(1.0 / (self.rate * step)))]
+
+
+def least_squares(regressors: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """Coefficients with the least squared error of ``regressors @ coefficients``."""
+    return np.linalg.lstsq(regressors, target, rcond=None)[0]
+
+
+def relative_error(measured: np.ndarray, predicted: np.ndarray) -> float:
+    """Root of the squared error over that of the measured values."""
+    return float(np.linalg.norm(measured - predicted) / np.linalg.norm(measured))
+
+
+def block_sums(errors: np.ndarray, blocks: int) -> np.ndarray:
+    """Sum of squares in equal consecutive blocks; a remainder goes with the last."""
+    bounds = np.arange(blocks) * (errors.size // blocks)
+    return np.add.reduceat(np.asarray(errors) ** 2, bounds)
+
+
+def paired(before: np.ndarray, after: np.ndarray) -> float:
+    """p-value that ``after`` is no better than ``before``, block by block (one-sided, Student's t)."""
+    gain = np.asarray(before) - np.asarray(after)
+    if gain.size < 3 or not np.std(gain) > 0.0:
+        return 1.0
+    score = gain.mean() / (gain.std(ddof=1) / np.sqrt(gain.size))
+    return float(student.sf(score, gain.size - 1))
+
+
+def dependence(errors: np.ndarray, lags: int = 10) -> float:
+    """How many samples count as one: 1 for white errors, more where neighbours are alike."""
+    e = errors - errors.mean()
+    power = float(e @ e)
+    if not power > 0.0 or e.size <= 2 * lags:
+        return 1.0
+    alike = [float(e[:-lag] @ e[lag:]) / power for lag in range(1, lags + 1)]
+    return max(1.0, 1.0 + 2.0 * sum(r * (1.0 - lag / (lags + 1)) for lag, r in enumerate(alike, start=1)))
