@@ -76,6 +76,11 @@ FEATURES = {f.name: f for f in (
     Feature("loop area", "N2.m2", relative=True, log=True),
     Feature("waveform", "~", log=True, one_sided=True))}
 
+WITH_RINGING = ("shuffle frequency", "shuffle damping", "overshoot")  # read where the driveline rings by itself
+# read off a recording as a whole
+WITHOUT_PLACE = ("speed ratio", "gain", "zero offset", "level", "drift", "loop area", "firing order content",
+                 "rotation order content")
+
 
 def unit_of(signal: str, feature: str) -> str:
     """SI unit of a feature of a signal."""
@@ -131,7 +136,7 @@ class Reader:
 
     def span(self, feature: str) -> tuple[float, float]:
         """Where a feature is read: begin and end [s] on the recording's clock."""
-        if feature in ("shuffle frequency", "shuffle damping", "overshoot") and self.ringing:
+        if feature in WITH_RINGING and self.ringing:
             return float(self.grid[self.ringing[0]]), float(self.grid[self.ringing[1] - 1])
         return float(self.grid[0]), float(self.grid[-1])
 

@@ -102,7 +102,7 @@ def wrong(runs: Sequence[Run], nominal: Sequence[np.ndarray],
 
     Args:
         runs: The recordings.
-        nominal: Per run, the stacked channels simulated with the vehicle file as it is.
+        nominal: Per run, the stacked channels simulated freely with the vehicle file as it is.
         healthy: Per run, many (some 30) stacked channels as a healthy car would have shown them: numbers
             within tolerance, torque estimate, slope, sensor noise and resolution drawn. The k-th of every
             run is the same car.
@@ -247,7 +247,7 @@ def _wrong(rows: Sequence[_Row], p: float, readers: Sequence[Reader], nominal: S
 
 def _ordered(listed: Sequence[Wrong]) -> list[Wrong]:
     """The surest of each feature first, features in the order an engineer asks for them where equally sure;
-    waveforms only where nothing else tells what is wrong with that signal."""
+    waveforms last, and only where nothing else tells what is wrong with that signal."""
     named = {entry.signal for entry in listed if entry.feature != "waveform"}
     listed = [entry for entry in listed if entry.feature != "waveform" or entry.signal not in named]
     place = {name: i for i, name in enumerate(FEATURES)}
@@ -255,7 +255,7 @@ def _ordered(listed: Sequence[Wrong]) -> list[Wrong]:
     seen: dict[str, int] = defaultdict(int)
     ranked = []
     for entry in listed:
-        ranked.append((seen[entry.feature] > 0, entry))
+        ranked.append(((entry.feature == "waveform", seen[entry.feature] > 0), entry))
         seen[entry.feature] += 1
     return [entry for _, entry in sorted(ranked, key=lambda pair: pair[0])]
 

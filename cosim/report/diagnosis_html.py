@@ -2,198 +2,312 @@
 
 from __future__ import annotations
 
-import html
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+import jinja2
 import numpy as np
+from markupsafe import Markup
+
+from cosim.diagnosis.catalogue import CATALOGUE
+from cosim.diagnosis.features import WITH_RINGING, WITHOUT_PLACE
+from cosim.measured import CANONICAL
+from cosim.report import svg
 
 if TYPE_CHECKING:
     from cosim.diagnosis.diagnose import Diagnosis
 
-_WIDTH, _HEIGHT = 560, 150
-_POINTS = 500
-_COLOURS = {"measured": "#222222", "before": "#d2691e", "after": "#1f77b4"}
-_TITLES = {"cause": "The cause is named", "ambiguous": "Several causes are possible",
-           "unknown": "Something is wrong that the catalogue does not know", "none": "Nothing is significantly wrong"}
-_STYLE = """
-:root { color-scheme: light; font-family: system-ui, sans-serif; color: #222; line-height: 1.4; }
-body { max-width: 1180px; margin: 0 auto; padding: 1.2rem; background: #fafafa; }
-h1 { font-size: 1.5rem; margin: 0 0 .2rem; } h2 { font-size: 1.1rem; margin: 1.6rem 0 .5rem; }
-.verdict { border-left: 6px solid #1f77b4; background: #fff; padding: .8rem 1rem; border-radius: 4px; }
-.verdict.none { border-color: #2a8f4f; } .verdict.ambiguous, .verdict.unknown { border-color: #d2691e; }
-.big { font-size: 1.25rem; } .quiet { color: #666; font-size: .9rem; }
-table { border-collapse: collapse; background: #fff; width: 100%; font-size: .92rem; }
-th, td { text-align: left; padding: .3rem .6rem; border-bottom: 1px solid #e4e4e4; }
-td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; }
-.pictures { display: grid; grid-template-columns: repeat(auto-fit, minmax(480px, 1fr)); gap: .8rem; }
-figure { margin: 0; background: #fff; padding: .5rem; border-radius: 4px; } figcaption { font-size: .85rem; }
-.key span { display: inline-block; width: 1.4rem; height: 3px; margin: 0 .3rem .2rem .9rem; }
-.bar { background: #e4e4e4; width: 8rem; height: .7rem; display: inline-block; border-radius: 3px; }
-.bar i { background: #1f77b4; height: 100%; display: block; border-radius: 3px; }
-"""
+_PICTURES, _LINES = 4, 12
+_PLACES = ("engine", "converter", "transmission", "propeller shaft", "axle", "wheel", "vehicle")
+_SENSORS = {"engine_speed": "engine", "turbine_speed": "transmission", "vehicle_speed": "vehicle",
+            "transmission_output_speed": "propeller shaft", "propeller_shaft_torque": "propeller shaft",
+            "wheel_speed": "wheel", "seat_acceleration": "vehicle", "differential_acceleration": "axle",
+            "engine_torque": "engine", "road_grade": "vehicle", "brake_torque": "wheel"}
+_HEADS = {"cause": "Cause found", "ambiguous": "Several causes possible", "unknown": "Unknown cause",
+          "none": "Nothing wrong"}
+_SAME, _CLOSE = 2.0, 3.0  # sigma: below, causes cannot be told apart, or hardly
+_UNITS = {"speed": "rad/s", "torque": "N.m", "twist": "rad", "angle": "rad", "time": "s", "position": "m"}
 
 
 def render(diagnosis: Diagnosis) -> str:
-    """The page as HTML."""
+    """The page as HTML; it needs nothing else to be shown."""
     finding = diagnosis.finding
-    parts = [_verdict(diagnosis), _pictures(diagnosis), _causes(finding), _wrong(finding), _gain(finding),
-             _limits(diagnosis)]
-    title = f"Diagnosis of {diagnosis.measurement.name}"
-    return ("<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">"
-            f"<meta name=\"viewport\" content=\"width=device-width\"><title>{_text(title)}</title>"
-            f"<style>{_STYLE}</style></head><body>\n<h1>{_text(title)}</h1>\n"
-            f"<p class=\"quiet\">Vehicle {_text(diagnosis.car.source.name)} ({_text(diagnosis.car.source.variant)}), "
-            f"{len(diagnosis.runs) + len(diagnosis.reserved)} recordings</p>\n"
-            + "\n".join(part for part in parts if part) + "\n</body></html>\n")
-
-
-def _text(value: object) -> str:
-    return html.escape(str(value))
+    traces = diagnosis.traces
+    return _PAGE.render(
+        title=f"Diagnosis of {diagnosis.measurement.name}", verdict=finding["verdict"],
+        head=_HEADS[finding["verdict"]], headline=_headline(finding), about=_about(finding),
+        vehicle=diagnosis.car.source.name, variant=diagnosis.car.source.variant,
+        recordings=[run.name for run in diagnosis.runs], reserved=[run.name for run in diagnosis.reserved],
+        channels=sorted({_words(name) for run in diagnosis.runs for name in run.clocks}),
+        wrong=[_row(entry) for entry in finding["wrong"][:_LINES]],
+        more=max(0, len(finding["wrong"]) - _LINES), story=_story(finding["wrong"]),
+        pictures=_pictures(finding["wrong"], traces), shares=_shares(finding, getattr(diagnosis, "suspects", [])),
+        causes=[_cause(cause) for cause in finding["causes"]], place=_place(diagnosis), rivals=_rivals(finding),
+        next=finding["next_manoeuvre"], unknown=finding["unknown"],
+        disturbances=_disturbances(finding["unknown"], getattr(diagnosis, "disturbance", {})),
+        gain=_gain(finding["gain"]), extension=finding["extension"], notices=diagnosis.notices,
+        seconds=diagnosis.seconds)
 
 
 def _words(name: str) -> str:
     return name.replace("_", " ")
 
 
-def _verdict(diagnosis: Diagnosis) -> str:
-    finding = diagnosis.finding
-    lines = [f"<p class=\"big\"><b>{_TITLES[finding['verdict']]}"]
-    if finding["causes"] and finding["verdict"] in ("cause", "ambiguous"):
-        lines.append(": " + _text("; ".join(_cause_sentence(c) for c in finding["causes"][:3])))
-    lines.append("</b></p>")
-    if finding["wrong"]:
-        worst = "; ".join(f"{_words(w['signal'])}: {w['what']}" for w in _worst(finding["wrong"]))
-        lines.append(f"<p>What the simulation gets wrong: {_text(worst)}.</p>")
-    if finding["ambiguous_with"]:
-        others = "; ".join(" with ".join(map(_words, a["effects"])) + f" ({a['separation_sigma']:.1f} sigma apart)"
-                           for a in finding["ambiguous_with"][:4])
-        lines.append(f"<p>What else it could be: {_text(others)}.</p>")
-    if finding["unknown"]:
+def _unit(unit: str) -> str:
+    """A unit as it is printed, ``N·m/rad``; nothing for plain numbers."""
+    return "" if unit == "1" else unit.replace(".", "\N{MIDDLE DOT}").replace("m/s2", "m/s\N{SUPERSCRIPT TWO}")
+
+
+def _with_unit(value: float, unit: str) -> str:
+    return f"{svg.number(value)} {_unit(unit)}".strip()
+
+
+def _change(parameter: Mapping[str, Any]) -> str:
+    """``8061 N·m/rad instead of 10750 (-25 %)``."""
+    nominal, value, unit = parameter["nominal"], parameter["value"], parameter["unit"]
+    if not nominal:
+        return _with_unit(value, unit)
+    per_cent = 100.0 * (value / nominal - 1.0)
+    if nominal == 1.0 and unit == "1":
+        return f"{per_cent:+.1f} %"
+    return f"{_with_unit(value, unit)} instead of {svg.number(nominal)} ({per_cent:+.1f} %)"
+
+
+def _moved(cause: Mapping[str, Any]) -> str:
+    """What of a cause differs from the file; all of it where nothing does for sure."""
+    parameters = cause["parameters"]
+    sure = {name: p for name, p in parameters.items() if not p["low90"] <= p["nominal"] <= p["high90"]}
+    return ", ".join(f"{_words(name)} {_change(p)}" for name, p in (sure or parameters).items())
+
+
+def _headline(finding: Mapping[str, Any]) -> str:
+    causes, verdict = finding["causes"], finding["verdict"]
+    if verdict == "cause" and causes:
+        likely = [cause for cause in causes if cause["probability"] >= 0.5] or causes[:1]
+        return "; ".join(f"{_words(c['effect']).capitalize()}: {_moved(c)}" for c in likely)
+    if verdict == "ambiguous":
+        names = list(dict.fromkeys(
+            [_words(c["effect"]) for c in causes]
+            + [" with ".join(map(_words, rival["effects"])) for rival in finding["ambiguous_with"]]))
+        return f"{_either(names).capitalize()}: these recordings cannot tell which"
+    if verdict == "unknown":
         unknown = finding["unknown"]
-        lines.append(f"<p>The missing torque acts on the {_text(unknown['balance'])}, goes with "
-                     f"{_text(unknown['driving_variable'])}, {_text(unknown['shape'])}; its size is "
-                     f"{unknown['size']:.3g} N.m.</p>")
-    if finding["next_manoeuvre"]:
-        lines.append(f"<p>What to drive next: {_text(finding['next_manoeuvre']['why'])}.</p>")
-    if finding["gain"]:
-        rows = finding["gain"]["held_out"]
-        before, after = (float(np.median([r[k] for r in rows])) for k in ("nrmse_before", "nrmse_after"))
-        lines.append(f"<p>Gain on a recording that was not used: error {100 * before:.2g} % of the range before, "
-                     f"{100 * after:.2g} % after (median over the signals).</p>")
-    return f"<div class=\"verdict {finding['verdict']}\">{''.join(lines)}</div>"
+        if not unknown:
+            return "The simulation is wrong, and no known effect explains it"
+        return (f"A torque at the {unknown['balance']} is missing that no known effect explains: it goes with "
+                f"{_words(unknown['driving_variable'])}, {unknown['shape']}")
+    return "Nothing is significantly wrong: the recordings lie within what a healthy car would show"
 
 
-def _worst(wrong: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def _either(names: Sequence[str]) -> str:
+    return " or ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
+
+
+def _about(finding: Mapping[str, Any]) -> list[str]:
+    """What the causes named are, in the catalogue's words."""
+    return [CATALOGUE[c["effect"]].summary for c in finding["causes"]
+            if c["effect"] in CATALOGUE and (finding["verdict"] == "ambiguous" or c["probability"] >= 0.5)]
+
+
+def _row(entry: Mapping[str, Any]) -> dict[str, Any]:
+    """A line of the table of what is wrong."""
+    factor, unit = (1e3, "ms") if entry["unit"] == "s" else (1.0, _unit(entry["unit"]))
+    keys = {"size": 3, "low90": 3, "high90": 3, "measured": 4, "simulated": 4, "noise_floor": 2}
+    numbers = {key: _number(entry.get(key), factor, digits, abs(entry["size"])) for key, digits in keys.items()}
+    return {**entry, **numbers, "signal": _words(entry["signal"]), "unit": unit, "what": _dotted(entry["what"]),
+            "chance": _chance(entry["p_value"])}
+
+
+def _number(value: float | None, factor: float, digits: int, size: float) -> str:
+    if value is None:
+        return ""
+    return "0" if abs(value) < 1e-3 * size else svg.number(factor * value, digits)
+
+
+def _dotted(words: str) -> str:
+    return words.replace("N.m", "N\N{MIDDLE DOT}m")
+
+
+def _chance(p: float) -> str | Markup:
+    """How often a healthy car would show it."""
+    if p > 1e-4:
+        return f"1 in {float(f'{1.0 / p:.1e}'):,.0f}"
+    exponent = math.floor(-math.log10(max(p, 1e-99)))
+    return Markup(f"1 in 10<sup>{exponent}</sup>") if p > 1e-99 else "never"
+
+
+def _story(wrong: Sequence[Mapping[str, Any]]) -> list[str]:
     """The first of each feature, three at most."""
-    seen: dict[str, dict[str, Any]] = {}
+    seen: dict[str, str] = {}
     for entry in wrong:
-        seen.setdefault(entry["feature"], entry)
+        seen.setdefault(entry.get("feature", entry["what"]), f"{_words(entry['signal'])}: {_dotted(entry['what'])}")
     return list(seen.values())[:3]
 
 
-def _cause_sentence(cause: dict[str, Any]) -> str:
-    numbers = ", ".join(_number(name, p) for name, p in cause["parameters"].items())
-    return f"{_words(cause['effect'])} ({numbers})"
+def _pictures(wrong: Sequence[Mapping[str, Any]],
+              traces: Mapping[tuple[str, str], Sequence[np.ndarray]]) -> list[dict[str, Any]]:
+    """What is wrong first, each where it shows; beside it what is not, the worst of that first."""
+    chosen: dict[tuple[str, str], dict[str, Any]] = {}
+    for entry in wrong:
+        key = (entry.get("run", entry["where"].partition(",")[0]), entry["signal"].partition(" over ")[0])
+        if key in traces:
+            chosen.setdefault(key, dict(entry))
+    named = {name for entry in wrong for name in entry["signal"].split(" over ")}
+    count = min(len(chosen) + len(chosen) % 2, _PICTURES) if chosen else _PICTURES
+    for key in sorted(traces, key=lambda key: -_misfit(traces[key])):
+        if len(chosen) < count and key[1] not in named | {channel for _, channel in chosen}:
+            chosen[key] = {"what": "no more off than a healthy car's"}
+    found = []
+    for (run, channel), entry in list(chosen.items())[:_PICTURES]:
+        clock, measured, before, after = traces[(run, channel)]
+        values = {"measured": measured, "before": before}
+        if after is not None and not np.array_equal(before, after):
+            values["after"] = after
+        title = f"{_words(channel)} in {run}"
+        found.append({"signal": _words(channel), "unit": _unit(CANONICAL[channel].unit), "run": run,
+                      "what": _dotted(entry["what"]), "after": "after" in values,
+                      "svg": Markup(svg.over_time(clock, values, _window(entry, clock, measured, before), title))})
+    return found
 
 
-def _number(name: str, p: dict[str, Any]) -> str:
-    unit = "" if p["unit"] == "1" else f" {p['unit']}"
-    change = f", {100 * (p['value'] / p['nominal'] - 1):+.0f} %" if p["nominal"] else ""
-    return f"{_words(name)} {p['value']:.4g}{unit}{change}"
-
-
-def _causes(finding: dict[str, Any]) -> str:
-    if not finding["causes"]:
-        return ""
-    rows = []
-    for cause in finding["causes"]:
-        for i, (name, p) in enumerate(cause["parameters"].items()):
-            share = cause["probability"]
-            first = (f"<td><b>{_text(_words(cause['effect']))}</b></td><td><span class=\"bar\"><i style=\"width:"
-                     f"{100 * min(share, 1.0):.0f}%\"></i></span> {100 * share:.0f} %</td>"
-                     if i == 0 else "<td></td><td></td>")
-            rows.append(f"<tr>{first}<td>{_text(_words(name))}</td><td class=number>{p['nominal']:.5g}</td>"
-                        f"<td class=number><b>{p['value']:.5g}</b></td><td class=number>{p['low90']:.5g} to "
-                        f"{p['high90']:.5g}</td><td>{_text(p['unit'])}</td></tr>")
-    return ("<h2>Why: what explains it</h2><table><tr><th>cause</th><th>probability</th><th>parameter</th>"
-            "<th class=number>file</th><th class=number>found</th><th class=number>90 % interval</th><th>unit</th></tr>"
-            + "".join(rows) + "</table>")
-
-
-def _wrong(finding: dict[str, Any]) -> str:
-    if not finding["wrong"]:
-        return "<h2>What is wrong</h2><p>No feature differs by more than a healthy car's would.</p>"
-    rows = "".join(
-        f"<tr><td>{_text(_words(w['signal']))}</td><td>{_text(w['what'])}</td><td class=number>{w['measured']:.4g}</td>"
-        f"<td class=number>{w['simulated']:.4g}</td><td>{_text(w['unit'])}</td><td>{_text(w['where'])}</td>"
-        f"<td class=number>{w['p_value']:.1g}</td></tr>" for w in finding["wrong"][:20])
-    return ("<h2>What is wrong, feature by feature</h2><table><tr><th>signal</th><th>what</th><th class=number>measured"
-            "</th><th class=number>simulated</th><th>unit</th><th>where</th><th class=number>p</th></tr>" + rows
-            + "</table>")
-
-
-def _gain(finding: dict[str, Any]) -> str:
-    if not finding["gain"]:
-        return ""
-    rows = "".join(
-        f"<tr><td>{_text(r['manoeuvre'])}</td><td>{_text(_words(r['signal']))}</td>"
-        + "".join(f"<td class=number>{100 * r[k]:.2f} %</td>" for k in ("nrmse_before", "nrmse_after", "noise_floor"))
-        + "</tr>" for r in finding["gain"]["held_out"])
-    return ("<h2>The gain, on a recording that was not used</h2><table><tr><th>recording</th><th>signal</th>"
-            "<th class=number>before</th><th class=number>after</th><th class=number>noise floor</th></tr>" + rows
-            + "</table><p class=quiet>Root mean square error over the measured range.</p>")
-
-
-def _limits(diagnosis: Diagnosis) -> str:
-    if not diagnosis.notices:
-        return ""
-    return "<h2>What limits this</h2><ul>" + "".join(f"<li>{_text(n)}</li>" for n in diagnosis.notices) + "</ul>"
-
-
-def _pictures(diagnosis: Diagnosis) -> str:
-    """The channels of the run that was most wrong, worst first."""
-    ranked = sorted(diagnosis.traces, key=lambda key: -_misfit(diagnosis.traces[key]))
-    runs = list(dict.fromkeys(run for run, _ in ranked))[:2]
-    chosen = [key for run in runs for key in [k for k in ranked if k[0] == run][:4]]
-    key = "".join(f"<span style=\"background:{c}\"></span>{name}" for name, c in _COLOURS.items())
-    figures = "".join(
-        f"<figure><figcaption><b>{_text(_words(channel))}</b> [{_text(_unit(channel))}] &middot; {_text(run)}"
-        f"</figcaption>{_picture(*diagnosis.traces[(run, channel)])}</figure>" for run, channel in chosen)
-    return f"<h2>Measured, before and after <span class=key>{key}</span></h2><div class=pictures>{figures}</div>"
-
-
-def _unit(channel: str) -> str:
-    from cosim.measured import CANONICAL
-
-    return CANONICAL[channel].unit
-
-
-def _misfit(trace: tuple[np.ndarray, ...]) -> float:
+def _misfit(trace: Sequence[np.ndarray]) -> float:
     _, measured, before, _ = trace
     return float(np.sqrt(np.mean((measured - before) ** 2)) / (np.ptp(measured) or 1.0))
 
 
-def _picture(clock: np.ndarray, measured: np.ndarray, before: np.ndarray, after: np.ndarray) -> str:
-    """Three lines over time as inline SVG."""
-    low, high = min(x.min() for x in (measured, before, after)), max(x.max() for x in (measured, before, after))
-    span = (high - low) or 1.0
-    left, bottom = 52, 20
+def _window(entry: Mapping[str, Any], clock: np.ndarray, measured: np.ndarray, before: np.ndarray) -> svg.Window:
+    """The span that shows it: where it rings, where most changes, or all of it."""
+    start, stop = float(clock[0]), float(clock[-1])
+    feature = entry.get("feature")
+    if feature in WITHOUT_PLACE:
+        return start, stop
+    if feature in WITH_RINGING:
+        return max(start, entry["begin"] - 0.7), min(stop, entry["end"] + 0.3)
+    length = 1.6 if feature in ("lag", "reversal dead time") else 2.6
+    if stop - start <= length:
+        return start, stop
+    liveliness = np.abs(np.gradient(before, clock)) if feature == "lag" else np.abs(measured - before)
+    even = np.linspace(start, stop, 400)
+    smooth = np.convolve(np.interp(even, clock, liveliness), np.ones(41), "same")
+    middle = float(np.clip(even[int(np.argmax(smooth))], start + 0.5 * length, stop - 0.5 * length))
+    return middle - 0.5 * length, middle + 0.5 * length
 
-    def points(values: np.ndarray) -> Iterable[str]:
-        times = np.linspace(clock[0], clock[-1], min(_POINTS, clock.size))
-        x = left + (_WIDTH - left - 6) * (times - clock[0]) / (clock[-1] - clock[0])
-        y = (_HEIGHT - bottom) - (_HEIGHT - bottom - 6) * (np.interp(times, clock, values) - low) / span
-        return (f"{a:.1f},{b:.1f}" for a, b in zip(x, y))
 
-    lines = "".join(
-        f"<polyline fill=\"none\" stroke=\"{_COLOURS[name]}\" stroke-width=\"{width}\" "
-        f"points=\"{' '.join(points(v))}\"/>"
-        for name, v, width in (("measured", measured, 2.2), ("before", before, 1.2), ("after", after, 1.2)))
-    axis = "".join(f"<text x=\"{left - 4}\" y=\"{(_HEIGHT - bottom) - (_HEIGHT - bottom - 6) * f + 4:.0f}\" "
-                   f"text-anchor=\"end\">{low + f * span:.4g}</text>" for f in (0.0, 0.5, 1.0))
-    times = "".join(f"<text x=\"{left + (_WIDTH - left - 6) * f:.0f}\" y=\"{_HEIGHT - 5}\" text-anchor=\"middle\">"
-                    f"{clock[0] + f * (clock[-1] - clock[0]):.1f}</text>" for f in (0.0, 0.25, 0.5, 0.75))
-    return (f"<svg viewBox=\"0 0 {_WIDTH} {_HEIGHT}\" width=\"100%\" font-size=\"10\" fill=\"#666\" role=\"img\">"
-            f"{axis}{times}<text x=\"{_WIDTH - 6}\" y=\"{_HEIGHT - 5}\" text-anchor=\"end\">time [s]</text>"
-            f"{lines}</svg>")
+def _shares(finding: Mapping[str, Any], suspects: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Probabilities of causes and of whatever else was looked at; the rest on something else."""
+    if not finding["causes"]:
+        return []
+    found = {c["effect"]: float(c["probability"]) for c in finding["causes"]}
+    for suspect in suspects:
+        if suspect["probability"] >= 0.01:
+            found.setdefault(suspect["effect"], float(suspect["probability"]))
+    rest = 1.0 - sum(found.values())
+    rows = [{"name": _words(name), "share": share, "rest": False}
+            for name, share in sorted(found.items(), key=lambda item: -item[1])[:8]]
+    return [*rows, {"name": "something else", "share": max(rest, 0.0), "rest": True}]
+
+
+def _cause(cause: Mapping[str, Any]) -> dict[str, Any]:
+    effect = CATALOGUE.get(cause["effect"])
+    return {"name": _words(cause["effect"]), "probability": cause["probability"], "moved": _moved(cause),
+            "summary": effect.summary if effect else "",
+            "parameters": [_parameter(name, p, effect) for name, p in cause["parameters"].items()]}
+
+
+def _parameter(name: str, p: Mapping[str, Any], effect: Any) -> dict[str, Any]:
+    declared = next((d for d in (*effect.parameters, *effect.elsewhere) if d.name == name), None) if effect else None
+    low, high = declared.limits if declared else (-np.inf, np.inf)
+    if declared and declared.scale == "log":
+        low, high = sorted((low * p["nominal"], high * p["nominal"]))
+    elif declared:
+        low, high = low + p["nominal"], high + p["nominal"]
+    unit = _unit(p["unit"])
+    drawn = svg.interval(p["nominal"], p["value"], p["low90"], p["high90"], (low, high), unit,
+                         f"{_words(name)}: file, found and 90 % interval")
+    return {"name": _words(name), "meaning": declared.meaning if declared else "", "unit": unit,
+            "nominal": svg.number(p["nominal"]), "value": svg.number(p["value"]),
+            "low": svg.number(p["low90"]), "high": svg.number(p["high90"]),
+            "plausible": bool(low <= p["value"] <= high), "limits": f"{svg.number(low, 3)} to {svg.number(high, 3)}",
+            "bounded": bool(np.isfinite(low) and np.isfinite(high)), "svg": Markup(drawn)}
+
+
+def _place(diagnosis: Diagnosis) -> dict[str, Any] | None:
+    """Where it is: sensor, input or plant, on a sketch of the driveline."""
+    finding = diagnosis.finding
+    marked: dict[str, list[str]] = {}
+    kinds = []
+    for cause in finding["causes"]:
+        effect = CATALOGUE.get(cause["effect"])
+        if effect is None or cause["probability"] < 0.05:
+            continue
+        kind, _, name = effect.acts_on.partition(" ")
+        if kind in ("sensor", "input"):
+            marked.setdefault(_SENSORS.get(name, name), []).append(f"{kind}: {_words(name)}")
+        else:
+            kind = "plant"
+            marked.setdefault(effect.acts_on, []).append(_words(cause["effect"]))
+        kinds.append(kind)
+    if finding["unknown"] and finding["verdict"] == "unknown":
+        marked.setdefault(finding["unknown"]["balance"], []).append("missing torque")
+        kinds.append("plant")
+    if not kinds:
+        return None
+    drawn = None
+    if diagnosis.car.name == "plant_fom" and set(marked) <= set(_PLACES):
+        drawn = Markup(svg.chain(_PLACES, {k: ", ".join(dict.fromkeys(v)) for k, v in marked.items()},
+                                 "where it is: " + ", ".join(marked)))
+    said = {"sensor": "in a sensor: the car itself is as its file says",
+            "input": "in what drives the simulation, not in the car",
+            "plant": "in the car itself"}
+    return {"kinds": " or ".join(said[k] for k in dict.fromkeys(kinds)), "places": ", ".join(marked), "svg": drawn}
+
+
+def _rivals(finding: Mapping[str, Any]) -> list[dict[str, str]]:
+    rows = []
+    for rival in finding["ambiguous_with"]:
+        sigma = rival["separation_sigma"]
+        said = ("cannot be told apart" if sigma < _SAME else "hardly told apart" if sigma < _CLOSE else "told apart")
+        rows.append({"names": " with ".join(map(_words, rival["effects"])), "sigma": f"{sigma:.1f}", "said": said})
+    return rows
+
+
+def _gain(gain: Mapping[str, Any] | None) -> dict[str, Any] | None:
+    if not gain or not gain["held_out"]:
+        return None
+    signals: dict[str, list[Mapping[str, Any]]] = {}
+    for row in gain["held_out"]:
+        signals.setdefault(row["signal"], []).append(row)
+
+    def typical(rows: Sequence[Mapping[str, Any]], key: str) -> float:
+        return 100.0 * float(np.median([row.get(key) or 0.0 for row in rows]))
+
+    rows = [(_words(name), *(typical(found, key) for key in ("nrmse_before", "nrmse_after", "noise_floor")))
+            for name, found in signals.items()]
+    rows.sort(key=lambda row: row[2] - row[1])
+    return {"before": f"{np.median([r[1] for r in rows]):.2g}", "after": f"{np.median([r[2] for r in rows]):.2g}",
+            "svg": Markup(svg.dumbbells(rows, "error before and after, signal by signal")),
+            "rows": [{**row, "signal": _words(row["signal"])} for row in gain["held_out"]],
+            "fraction": gain.get("fraction_of_noise_floor"), "estimators": gain.get("estimators") or []}
+
+
+def _disturbances(unknown: Mapping[str, Any] | None, found: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """The missing torque over what it could go with; the variable it goes with first."""
+    if not unknown or unknown["balance"] not in found:
+        return []
+    table = found[unknown["balance"]]
+    torque = np.asarray(table["torque"])
+    own = unknown["driving_variable"]
+    variables = [name for name, values in table.items()
+                 if name not in ("torque", "std") and np.shape(values) == torque.shape and np.ptp(values) > 0.0]
+    pictures = []
+    for name in sorted(variables, key=lambda name: name != own)[:4]:
+        unit = next((u for word, u in _UNITS.items() if word in name), "")
+        below = f"{_words(name)} [{_unit(unit)}]" if unit else _words(name)
+        pictures.append({"name": _words(name), "first": name == own, "svg": Markup(
+            svg.scatter(np.asarray(table[name]), torque, below, f"missing torque over {_words(name)}"))})
+    return pictures
+
+
+_PAGE = jinja2.Environment(loader=jinja2.PackageLoader("cosim.report", ""), autoescape=True, trim_blocks=True,
+                           lstrip_blocks=True, undefined=jinja2.StrictUndefined).get_template("diagnosis.html.jinja")

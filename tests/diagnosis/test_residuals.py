@@ -156,7 +156,7 @@ def diagnosed(tmp_path_factory):
         hide(effects, seed, folder / "m", structure=structure, manoeuvres=MANOEUVRES, truth=folder / "truth.json")
         measurement = load(folder / "m")
         car = FullOrderCar(measurement.vehicle, measurement.variant)
-        runs = car.runs(measurement)
+        runs = [run.free for run in car.runs(measurement)]
         starts = [start_speed(car, run) for run in runs]
         nominal = [car.predict(car.values, run, Nuisance(start)) for run, start in zip(runs, starts)]
         return wrong(runs, nominal, healthy(car, runs, starts, np.random.default_rng(seed)))

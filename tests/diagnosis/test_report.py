@@ -1,0 +1,259 @@
+"""The report of a diagnosis: all it has to say is there, and a browser shows it as it is meant."""
+
+import html
+import json
+import re
+import shutil
+import subprocess
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from cosim.diagnosis.hidden import hide
+from cosim.diagnosis.plants import FullOrderCar, Nuisance
+from cosim.diagnosis.residuals import wrong
+from cosim.measured import load
+from cosim.report import svg
+from cosim.report.diagnosis_html import render
+
+VERDICTS = ("cause", "ambiguous", "unknown", "none")
+WIDTHS = (1200, 800, 400)
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+FACTOR = 0.75
+# What a browser is asked of a page: what is outside its box or over something else.
+CHECK = """
+function check(d) {
+  const found = [], near = 1.0;
+  if (d.documentElement.scrollWidth > d.documentElement.clientWidth + near) found.push('wider than the window');
+  for (const picture of d.querySelectorAll('svg')) {
+    const frame = picture.getBoundingClientRect(), boxes = [];
+    if (!(frame.width > 50 && frame.height > 20)) found.push('no room: ' + picture.getAttribute('aria-label'));
+    for (const words of picture.querySelectorAll('text')) {
+      const b = words.getBoundingClientRect();
+      if (b.left < frame.left - near || b.right > frame.right + near || b.top < frame.top - near
+          || b.bottom > frame.bottom + near) found.push('outside its picture: ' + words.textContent);
+      for (const [other, o] of boxes)
+        if (Math.min(b.right, o.right) - Math.max(b.left, o.left) > near
+            && Math.min(b.bottom, o.bottom) - Math.max(b.top, o.top) > 3)
+          found.push('over each other: ' + other + ' and ' + words.textContent);
+      boxes.push([words.textContent, b]);
+    }
+  }
+  for (const e of d.querySelectorAll('p, li, h1, h2, h3, figcaption, .share, .share span, td')) {
+    const card = e.closest('.card, figure, .verdict') || d.body, b = e.getBoundingClientRect();
+    const scrolls = card.classList.contains('tablebox') && d.documentElement.clientWidth < 600;
+    const c = card.getBoundingClientRect();
+    if (!scrolls && (b.right > c.right + near || b.left < c.left - near || e.scrollWidth > e.clientWidth + 1
+        && e.clientWidth > 0)) found.push('outside its box: ' + e.textContent.trim().slice(0, 60));
+  }
+  return found;
+}
+addEventListener('load', () => {
+  const all = {};
+  for (const frame of document.querySelectorAll('iframe')) {
+    const d = frame.contentDocument;
+    frame.style.height = d.documentElement.scrollHeight + 'px';
+    const at = frame.getBoundingClientRect();
+    all[frame.id] = {problems: check(d), verdict: d.querySelector('#verdict').innerText,
+      pictures: [...d.querySelectorAll('svg')].map(p => { const b = p.getBoundingClientRect();
+        return [p.getAttribute('aria-label'), at.left + b.left, at.top + b.top, b.width, b.height]; })};
+  }
+  document.querySelector('#result').textContent = JSON.stringify(all);
+});
+"""
+
+
+def drawn(car, runs, count, random):
+    """Recordings of the file's car with noise, slope and torque of their own: enough to be compared with."""
+    found = []
+    for run in runs:
+        noise = np.concatenate([np.full(values.size, np.std(np.diff(values, 3)) / np.sqrt(20.0))
+                                for values in run.measured.values()])
+        nuisances = [Nuisance(*(np.array([0.02, 1e-3, 1.0]) * random.standard_normal(3))) for _ in range(count)]
+        found.append([car.predict(car.values, run, nuisance) + noise * random.standard_normal(noise.size)
+                      for nuisance in nuisances])
+    return found
+
+
+@pytest.fixture(scope="module")
+def base(tmp_path_factory):
+    """A measurement of a car with softer axle shafts, what is wrong with it, before and after."""
+    folder = tmp_path_factory.mktemp("measurement") / "soft <axle>"
+    hide([f"shaft_stiffness=axle_shaft_stiffness:{FACTOR}"], 7, folder, structure="same",
+         manoeuvres=("tip_in:5", "tip_out:5", "coast_down:7"), truth=folder.with_suffix(".json"))
+    measurement = load(folder)
+    car = FullOrderCar(measurement.vehicle, measurement.variant)
+    runs = [run.free for run in car.runs(measurement)]
+    softer = car.values | {"axle_shaft.stiffness": FACTOR * car.values["axle_shaft.stiffness"]}
+    nominal = [car.predict(car.values, run) for run in runs]
+    after = [car.predict(softer, run) for run in runs]
+    listed = wrong(runs, nominal, drawn(car, runs, 12, np.random.default_rng(1)))
+    traces = {(run.name, name): (run.clocks[name], run.measured[name], nominal[r][place], after[r][place])
+              for r, run in enumerate(runs) for name, place in run.slices.items()}
+    return SimpleNamespace(measurement=measurement, car=car, runs=runs, wrong=listed, traces=traces)
+
+
+def diagnosis(base, verdict):
+    """As the pipeline hands it over, for every verdict; finding put together by hand."""
+    stiffness = base.car.values["axle_shaft.stiffness"]
+    finding = {"verdict": verdict, "wrong": [entry.as_json() for entry in base.wrong], "causes": [],
+               "ambiguous_with": [], "next_manoeuvre": None, "unknown": None, "extension": None, "gain": None}
+    disturbance, traces, notices = {}, base.traces, ["no <turbine> speed: engine & converter are told together"]
+    if verdict in ("cause", "ambiguous"):
+        finding["causes"] = [{"effect": "shaft_stiffness", "probability": 0.93, "parameters": {
+            "propeller_shaft_stiffness": {"nominal": 11250.0, "value": 9900.0, "low90": 7800.0, "high90": 12500.0,
+                                          "unit": "N.m/rad"},
+            "axle_shaft_stiffness": {"nominal": stiffness, "value": FACTOR * stiffness, "unit": "N.m/rad",
+                                     "low90": 0.735 * stiffness, "high90": 0.767 * stiffness}}}]
+        finding["extension"] = {"vehicle": "extended.toml", "fmu": "plant_fom_extended.fmu"}
+        rows = [(run, name, 0.05 / (i + 1), 0.011, 0.01) for i, (run, name) in enumerate(traces)]
+        finding["gain"] = {"fraction_of_noise_floor": 1.1, "held_out": [
+            {"manoeuvre": run, "signal": name, "nrmse_before": b, "nrmse_after": a, "noise_floor": floor}
+            for run, name, b, a, floor in rows if run == base.runs[-1].name]}
+    if verdict == "ambiguous":
+        finding["causes"][0]["probability"] = 0.55
+        finding["causes"].append({"effect": "wheel_speed_delay", "probability": 0.38, "parameters": {
+            "wheel_speed_delay": {"nominal": 0.0, "value": 0.031, "low90": 0.02, "high90": 0.9, "unit": "s"}}})
+        finding["ambiguous_with"] = [{"effects": ["wheel_speed_delay"], "separation_sigma": 0.6},
+                                     {"effects": ["engine_inertia", "vehicle_mass"], "separation_sigma": 2.4}]
+        finding["next_manoeuvre"] = {"kind": "tip_in", "gear": 3, "separation_sigma": 6.1,
+                                     "why": "in a lower gear shafts and sensor differ by more"}
+    if verdict == "unknown":
+        time = np.arange(0.0, 7.0, 0.01)
+        speed = 60.0 + 20.0 * np.sin(time)
+        disturbance = {"propeller shaft": {"time": time, "torque": 0.01 * (speed - 40.0) ** 2, "speed": speed,
+                                           "std": np.ones(time.size), "twist": 1e-3 * np.cos(9.0 * time)}}
+        finding["unknown"] = {"balance": "propeller shaft", "driving_variable": "speed", "size": 16.0,
+                              "shape": "growing with its square"}
+    if verdict == "none":
+        finding["wrong"], notices = [], []
+        traces = {key: (clock, measured, before, before) for key, (clock, measured, before, _) in traces.items()}
+    return SimpleNamespace(
+        finding=json.loads(json.dumps(finding, allow_nan=False)), measurement=base.measurement, car=base.car,
+        runs=base.runs[:-1], reserved=base.runs[-1:], wrong=base.wrong, traces=traces, notices=notices,
+        seconds=48.2, disturbance=disturbance, suspects=[{"effect": "tyre_stiffness", "probability": 0.03}])
+
+
+@pytest.fixture(scope="module")
+def pages(base):
+    return {verdict: render(diagnosis(base, verdict)) for verdict in VERDICTS}
+
+
+def words(page):
+    """What of a page is read: no tags, no styles."""
+    return html.unescape(re.sub(r"<[^>]+>", " ", re.sub(r"<style>.*?</style>", " ", page, flags=re.S)))
+
+
+def test_the_page_needs_nothing_else(pages):
+    for page in pages.values():
+        assert not re.search(r"""(src|href)\s*=|url\(|@import|<script|<link""", page)
+        assert len(page.encode()) < 400_000
+
+
+def test_names_from_outside_are_text_not_markup(pages):
+    for page in pages.values():
+        assert "<axle>" not in page and "<turbine>" not in page
+    assert "soft <axle>" in words(pages["cause"])
+    assert "no <turbine> speed: engine & converter are told together" in words(pages["cause"])
+
+
+def test_the_finding_is_told(pages, base):
+    cause = " ".join(words(pages["cause"]).split())
+    assert "Cause found" in cause and "-25.0 %" in cause and "93 %" in cause
+    assert "propeller shaft stiffness 9900" not in cause.partition("What is wrong")[0]  # its interval holds the file's
+    assert "shuffle frequency" in base.wrong[0].what and base.wrong[0].what in cause
+    assert "plant_fom_extended.fmu" in cause
+    assert "the noise floor" in cause
+    assert "in the car itself" in cause
+    ambiguous = " ".join(words(pages["ambiguous"]).split())
+    assert "these recordings cannot tell which" in ambiguous
+    assert "engine inertia with vehicle mass" in ambiguous and "0.6 sigma" in ambiguous
+    assert "tip-in in gear 3" in ambiguous and "sensor: wheel speed" in ambiguous
+    unknown = " ".join(words(pages["unknown"]).split())
+    assert "propeller shaft" in unknown and "growing with its square" in unknown
+    assert "Nothing is significantly wrong" in words(pages["none"])
+    assert "Why" not in words(pages["none"]) and "None" not in words(pages["none"])
+
+
+def test_a_value_beyond_what_is_plausible_is_marked(base):
+    given = diagnosis(base, "cause")
+    parameter = given.finding["causes"][0]["parameters"]["axle_shaft_stiffness"]
+    assert "Not plausible" not in render(given)
+    parameter["value"] = 50.0 * parameter["nominal"]
+    assert "Not plausible" in render(given)
+
+
+def test_a_picture_shows_where_it_is_wrong(pages, base):
+    """The shuffle's picture spans the ringing and little more, and after lies nearer than before."""
+    picture = re.search(r'<svg[^>]*aria-label="[^"]* in ' + re.escape(base.wrong[0].run) + r'".*?</svg>',
+                        pages["cause"], re.S).group()
+    lines = {css: np.array([[float(v) for v in point.split(",")] for point in points.split()])
+             for css, points in re.findall(r'<polyline class="(\w+)" points="([^"]*)"', picture)[:3]}
+    assert list(lines) == ["measured", "before", "after"]
+    apart = {css: np.abs(lines[css][:, 1] - lines["measured"][:, 1]).mean() for css in ("before", "after")}
+    assert apart["after"] < 0.5 * apart["before"]
+    assert base.wrong[0].end - base.wrong[0].begin < 2.0
+
+
+@pytest.mark.parametrize(("value", "shown"), [
+    (10747.5, "10748"), (0.031, "0.031"), (-25.04, "-25.04"), (5.2266, "5.227"), (0.0, "0"), (1.2e-9, "1.2e-09"),
+    (1e9, "1e+09"), (1.0, "1"), (12.3456, "12.35")])
+def test_numbers_are_printed_as_people_write_them(value, shown):
+    assert svg.number(value) == shown
+
+
+def test_a_thinned_line_keeps_its_peaks():
+    panel = svg.Panel((0.0, 1.0), (0.0, 1.0), 0.0, 100.0)
+    x = np.linspace(0.0, 1.0, 50_000)
+    y = np.zeros(x.size)
+    y[23_456] = 1.0
+    points = re.search('points="([^"]*)"', panel.curve(x, y, "measured")).group(1).split()
+    assert len(points) < 2000
+    assert min(float(point.split(",")[1]) for point in points) == pytest.approx(panel.place(0.0, 1.0)[1], abs=0.1)
+
+
+@pytest.fixture(scope="module")
+def browsed(pages, tmp_path_factory):
+    """Every page at every width in one browser: what it finds, and a picture of all."""
+    if CHROMIUM is None:
+        pytest.skip("no Chromium here: the report was not looked at in a browser")
+    folder = tmp_path_factory.mktemp("browser")
+    frames = "".join(f'<iframe id="{verdict} {width}" width="{width}" style="border:0;display:block" '
+                     f'srcdoc="{html.escape(page, quote=True)}"></iframe>'
+                     for verdict, page in pages.items() for width in WIDTHS)
+    (folder / "all.html").write_text(f'<!DOCTYPE html><meta charset="utf-8"><body style="margin:0">'
+                                     f'{frames}<pre id="result"></pre><script>{CHECK}</script>')
+
+    def chromium(*options):
+        done = subprocess.run(
+            [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--enable-logging=stderr",
+             f"--user-data-dir={folder / 'profile'}", *options, (folder / "all.html").as_uri()],
+            capture_output=True, text=True, timeout=120, check=True)
+        return done.stdout, [line for line in done.stderr.splitlines() if ":CONSOLE" in line]
+
+    dom, said = chromium("--dump-dom", "--window-size=1250,4000")
+    result = json.loads(html.unescape(re.search(r'<pre id="result">(.*?)</pre>', dom, re.S).group(1)))
+    lowest = max(top + height for page in result.values() for *_, top, _, height in page["pictures"])
+    chromium(f"--screenshot={folder / 'all.png'}", f"--window-size=1250,{int(lowest) + 200}")
+    return SimpleNamespace(result=result, said=said, image=imread(folder / "all.png"))
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_in_a_browser_nothing_is_outside_its_box(browsed, verdict, width):
+    seen = browsed.result[f"{verdict} {width}"]
+    assert seen["problems"] == []
+    assert not browsed.said
+    assert len(seen["verdict"].split()) >= 8
+
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_in_a_browser_every_picture_has_ink(browsed, verdict):
+    for width in WIDTHS[:2]:
+        pictures = browsed.result[f"{verdict} {width}"]["pictures"]
+        assert len(pictures) >= 4
+        for name, left, top, across, down in pictures:
+            pixels = browsed.image[round(top):round(top + down), round(left):round(left + across), :3]
+            assert np.mean(pixels.min(axis=2) < 0.8) > 0.004, name
