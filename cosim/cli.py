@@ -12,6 +12,7 @@ import json
 import logging
 import os
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
@@ -20,11 +21,8 @@ from typing import Any
 from driveline.quantities import InputError
 
 LISTS = ("fmus", "scenarios", "studies", "vehicles", "effects")
+_DIAGNOSED = ("finding.json", "report.html", "extended.toml", "*_extended.fmu")  # what a diagnosis writes
 _OK, _FAILED, _WRONG_INPUT, _INTERRUPTED = 0, 1, 2, 130
-
-
-class NotYet(RuntimeError):
-    """Part of the contract that does not exist yet."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -97,8 +95,13 @@ def _parser() -> argparse.ArgumentParser:
                        help="processes for a study of many runs (default: one a core)")
     study.add_argument("--cluster", metavar="ADDRESS", help="dask scheduler to run them on instead")
     study.add_argument("--measurement", type=Path, metavar="PATH", help="a recording, for a study that takes one")
-    diagnose = command("diagnose", _diagnose, "what a measurement says is wrong", "out/diagnosis")
-    diagnose.add_argument("measurement", type=Path, metavar="MEASUREMENT")
+    diagnose = command("diagnose", _diagnose, "what a measurement says is wrong with the model, and why",
+                       "out/diagnosis")
+    diagnose.add_argument("measurement", type=Path, metavar="MEASUREMENT",
+                          help="a folder with measurement.toml, or one data file with canonical names and units")
+    diagnose.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core)")
+    diagnose.add_argument("--no-fmu", action="store_true",
+                          help="the extended vehicle file alone, without its FMU")
     hide = command("hide", _hide, "a measurement with effects hidden in it", "out/hidden")
     hide.add_argument("effects", nargs="*", metavar="EFFECT[=SIZE]",
                       help="a name that `driveline list effects` gives, outside:NAME for one that no catalogue knows, "
@@ -261,7 +264,44 @@ def _study(options: argparse.Namespace) -> tuple[Any, str]:
 
 
 def _diagnose(options: argparse.Namespace) -> tuple[Any, str]:
-    raise NotYet("diagnose is not implemented yet")
+    from cosim.diagnosis.diagnose import diagnose
+
+    if options.workers is not None and options.workers < 1:
+        raise InputError(f"--workers {options.workers}: at least 1 is needed")
+    out = options.out or Path("out/diagnosis")
+    with _all_or_nothing(out, _DIAGNOSED) as folder, _telling("diagnose") as say:
+        found = diagnose(options.measurement, folder, workers=options.workers, say=say,
+                         build=None if options.no_fmu else _build_extended)
+    files = [str(path) for pattern in _DIAGNOSED for path in sorted(out.glob(pattern))]
+    return found.finding, "\n".join([*_summary(found.finding), *files])
+
+
+def _build_extended(out: Path, vehicle: Path) -> Path:
+    from fmus.packaging import build  # as in _build_fmus
+
+    return next(iter(build(out, ["plant_fom"], vehicle=str(vehicle), variant=None, suffix="_extended")))
+
+
+def _summary(finding: dict[str, Any]) -> list[str]:
+    """A finding in a few lines."""
+    lines = [f"verdict: {finding['verdict']}"]
+    lines += [f"  wrong: {entry['signal']}: {entry['what']} ({entry['where']}; p = {entry['p_value']:.1g})"
+              for entry in finding["wrong"][:5]]
+    for cause in finding["causes"]:
+        numbers = ", ".join(f"{name} {p['value']:.4g} [{p['low90']:.4g}, {p['high90']:.4g}] {p['unit']} "
+                            f"(file: {p['nominal']:.4g})" for name, p in cause["parameters"].items())
+        lines.append(f"  {100 * cause['probability']:3.0f} % {cause['effect']}: {numbers}")
+    if unknown := finding["unknown"]:
+        lines.append(f"  unknown: torque on the {unknown['balance']} over {unknown['driving_variable']}, "
+                     f"{unknown['shape']}, {unknown['size']:.3g} N.m")
+    lines += [f"  cannot be told from {', '.join(rival['effects'])} ({rival['separation_sigma']:.1f} sigma)"
+              for rival in finding["ambiguous_with"]]
+    if proposed := finding["next_manoeuvre"]:
+        lines.append(f"  drive next: {proposed['kind']} in gear {proposed['gear']}: {proposed['why']}")
+    if finding["gain"]:
+        lines += [f"  {row['signal']}: error {100 * row['nrmse_before']:.2f} % before, "
+                  f"{100 * row['nrmse_after']:.2f} % after, of the range" for row in finding["gain"]["held_out"]]
+    return lines
 
 
 def _hide(options: argparse.Namespace) -> tuple[Any, str]:
@@ -302,6 +342,40 @@ def _writable(folder: Path) -> Path:
     if not os.access(folder, os.W_OK):
         raise InputError(f"--out {folder}: it cannot be written to")
     return folder
+
+
+@contextlib.contextmanager
+def _all_or_nothing(out: Path, patterns: Sequence[str]) -> Iterator[Path]:
+    """A folder to write to, of which all goes to ``out`` when all went well, and nothing otherwise; files there
+    that match the patterns and were not written again are of an earlier run, and go."""
+    near = next(folder for folder in (out.absolute(), *out.absolute().parents) if folder.exists())
+    if not near.is_dir() or not os.access(near, os.W_OK):
+        raise InputError(f"--out {out}: {near} is no folder that can be written to")
+    with tempfile.TemporaryDirectory(prefix=".unfinished-", dir=near) as name:
+        folder = Path(name)
+        yield folder
+        _writable(out)
+        written = {path.name for path in folder.iterdir()}
+        for old in {path for pattern in patterns for path in out.glob(pattern)}:
+            if old.name not in written:
+                old.unlink()
+        for path in folder.iterdir():
+            path.replace(out / path.name)
+
+
+@contextlib.contextmanager
+def _telling(title: str) -> Iterator[Callable[[str], None]]:
+    """How to say what is being done: lines on standard error, one that changes where that is a terminal."""
+    if not sys.stderr.isatty():
+        yield logging.info
+        return
+    from rich.console import Console
+    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    with Progress(SpinnerColumn(), TimeElapsedColumn(), TextColumn("{task.description}"), transient=True,
+                  console=Console(stderr=True)) as bar:
+        task = bar.add_task(title, total=None)
+        yield lambda words: bar.update(task, description=f"{title}: {words}")
 
 
 @contextlib.contextmanager

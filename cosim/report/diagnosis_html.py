@@ -126,7 +126,8 @@ def _number(value: float | None, factor: float, digits: int, size: float) -> str
 
 
 def _dotted(words: str) -> str:
-    return words.replace("N.m", "N\N{MIDDLE DOT}m")
+    """Units within a sentence as they are printed."""
+    return words.replace("N.m", "N\N{MIDDLE DOT}m").replace("m/s2", "m/s\N{SUPERSCRIPT TWO}")
 
 
 def _chance(p: float) -> str | Markup:
@@ -151,8 +152,8 @@ def _pictures(wrong: Sequence[Mapping[str, Any]],
     chosen: dict[tuple[str, str], dict[str, Any]] = {}
     for entry in wrong:
         key = (entry.get("run", entry["where"].partition(",")[0]), entry["signal"].partition(" over ")[0])
-        if key in traces:
-            chosen.setdefault(key, dict(entry))
+        if key in traces and key[1] not in {channel for _, channel in chosen}:
+            chosen[key] = dict(entry)
     named = {name for entry in wrong for name in entry["signal"].split(" over ")}
     count = min(len(chosen) + len(chosen) % 2, _PICTURES) if chosen else _PICTURES
     for key in sorted(traces, key=lambda key: -_misfit(traces[key])):

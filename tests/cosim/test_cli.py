@@ -2,16 +2,19 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from cosim import cli
 from cosim.master import Result
+from driveline.quantities import InputError
 
 SHARED = Path(__file__).parents[3] / "shared" / "measured" / "tahoe_6l80_drive.csv.gz"
 
@@ -134,10 +137,137 @@ def test_list_tells_what_there_is(capfd):
     assert "modified" in json.loads(capfd.readouterr().out)["pickup_10r80"]
 
 
-@pytest.mark.parametrize("arguments", [["diagnose", "x"]])
-def test_what_does_not_exist_yet_is_1_and_says_so(arguments, capsys):
-    assert cli.main(arguments) == 1
-    assert "not implemented yet" in capsys.readouterr().err
+FINDING = {"verdict": "cause", "wrong": [
+    {"signal": "engine_speed", "where": "tip_in", "what": "shuffle frequency 22 % high", "size": 1.3, "unit": "Hz",
+     "p_value": 1e-9}], "causes": [{"effect": "shaft_stiffness", "probability": 0.93, "parameters": {
+         "axle_shaft_stiffness": {"nominal": 10.0, "value": 7.5, "low90": 7.4, "high90": 7.6, "unit": "N.m/rad"}}}],
+    "ambiguous_with": [{"effects": ["engine_inertia"], "separation_sigma": 2.5}],
+    "next_manoeuvre": {"kind": "ramp", "gear": 4, "separation_sigma": 6.0, "why": "because"}, "unknown": None,
+    "extension": None, "gain": {"held_out": [{"signal": "wheel_speed", "nrmse_before": 0.35, "nrmse_after": 0.02}]}}
+
+
+@pytest.fixture
+def diagnosing(monkeypatch):
+    """What ``diagnose`` writes and then raises, in place of the pipeline; its options as they arrive."""
+    state = SimpleNamespace(files={"finding.json": "{}", "report.html": "<p>"}, error=None, options=None)
+
+    def diagnose(path, out, *, workers, say, build):
+        state.options = SimpleNamespace(path=path, workers=workers, build=build)
+        say("halfway")
+        for name, text in state.files.items():
+            (out / name).write_text(text)
+        if state.error is not None:
+            raise state.error
+        return SimpleNamespace(finding=FINDING)
+
+    monkeypatch.setitem(sys.modules, "cosim.diagnosis.diagnose", SimpleNamespace(diagnose=diagnose))
+    return state
+
+
+def test_a_diagnosis_is_told_in_lines_or_as_json(diagnosing, tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["diagnose", "m", "--workers", "3"]) == 0
+    said = capfd.readouterr()
+    assert "halfway" in said.err
+    for words in ("verdict: cause", "shuffle frequency 22 % high", "93 % shaft_stiffness: axle_shaft_stiffness 7.5",
+                  "cannot be told from engine_inertia", "ramp in gear 4", "35.00 % before, 2.00 % after",
+                  str(Path("out") / "diagnosis" / "report.html")):
+        assert words in said.out
+    assert diagnosing.options.workers == 3 and callable(diagnosing.options.build)
+    assert cli.main(["diagnose", "m", "--json", "--no-fmu", "--out", "here"]) == 0
+    assert json.loads(capfd.readouterr().out) == FINDING
+    assert diagnosing.options.build is None
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["here", "out"]
+
+
+def test_a_diagnosis_leaves_nothing_of_an_earlier_one_and_nothing_else_out(diagnosing, tmp_path):
+    out = tmp_path / "out"
+    out.mkdir()
+    for name in ("mine.txt", "extended.toml", "plant_fom_extended.fmu", "finding.json"):
+        (out / name).write_text("old")
+    assert cli.main(["diagnose", "m", "--out", str(out)]) == 0
+    assert {path.name: path.read_text() for path in out.iterdir()} == {
+        "mine.txt": "old", "finding.json": "{}", "report.html": "<p>"}
+
+
+@pytest.mark.parametrize(("error", "code"), [
+    (InputError("wrong"), 2), (ValueError("oh"), 1), (RuntimeError("oh"), 1), (KeyboardInterrupt(), 130)])
+def test_a_diagnosis_that_fails_leaves_nothing_half_written(diagnosing, tmp_path, capsys, error, code):
+    diagnosing.error = error
+    out = tmp_path / "new" / "out"
+    assert cli.main(["diagnose", "m", "--out", str(out)]) == code
+    assert list(tmp_path.iterdir()) == []
+    out.mkdir(parents=True)
+    (out / "finding.json").write_text("old")
+    assert cli.main(["diagnose", "m", "--out", str(out)]) == code
+    assert [path.read_text() for path in out.iterdir()] == ["old"]
+    assert "Traceback" not in capsys.readouterr().err
+
+
+def test_a_diagnosis_wants_a_folder_and_a_worker(diagnosing, tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    assert cli.main(["diagnose", "m", "--out", str(tmp_path / "file" / "x")]) == 2
+    assert "file is no folder that can be written to" in capsys.readouterr().err
+    assert cli.main(["diagnose", "m", "--workers", "0"]) == 2
+    assert "--workers 0: at least 1 is needed" in capsys.readouterr().err
+    assert diagnosing.options is None
+
+
+MEASUREMENT = """\
+vehicle = "pickup_10r80"
+[[manoeuvre]]
+file = "a.csv"
+kind = "tip_in"
+gear = 5
+[channels]
+time = { column = "t", unit = "s" }
+engine_torque = { column = "trq", unit = "N.m" }
+engine_speed = { column = "n", unit = "rpm" }
+vehicle_speed = { column = "v", unit = "km/h" }
+"""
+ROWS = "t,trq,n,v\n" + "".join(f"{k / 100:.2f},{50 + k % 3},{1500 + k},{70 + k / 100:.2f}\n" for k in range(400))
+
+
+@pytest.mark.parametrize(("change", "data", "words"), [
+    (("", ""), None, "a.csv"),
+    (('column = "n"', 'column = "rev"'), ROWS, "there is no column 'rev'"),
+    (('"rpm"', '"N.m"'), ROWS, "engine_speed is measured in rad/s"),
+    (('"rpm"', '"rmp"'), ROWS, "'rmp'"),
+    (('engine_torque = { column = "trq", unit = "N.m" }', ""), ROWS, "no channel 'engine_torque'"),
+    (("gear = 5", "gear = 17"), ROWS, "gear"),
+    (("gear = 5", 'gear = "fifth"'), ROWS, "gear is 'fifth'"),
+    (('kind = "tip_in"', 'kind = "tipin"'), ROWS, "did you mean 'tip_in'"),
+    (('"pickup_10r80"', '"pickup"'), ROWS, "pickup"),
+    (('vehicle = "pickup_10r80"', ""), ROWS, "which vehicle?"),
+    (("", ""), "", "a.csv"),
+    (("", ""), "t,trq,n,v\n", "a.csv"),
+    (("", ""), re.sub(",5.,", ",nan,", ROWS), "holds no values"),
+    (("", ""), "\n".join(ROWS.splitlines()[:40]), "at least 2 s"),
+    (("[[manoeuvre]]", "[[manoeuvre]"), ROWS, "measurement.toml"),
+], ids=["no file", "column", "dimension", "unit", "no torque", "gear", "gear no number", "kind", "vehicle",
+        "no vehicle", "empty", "no rows", "nan", "short", "toml"])
+def test_a_wrong_measurement_is_2_and_one_message(tmp_path, monkeypatch, capsys, change, data, words):
+    monkeypatch.chdir(tmp_path)
+    folder = tmp_path / "m"
+    folder.mkdir()
+    (folder / "measurement.toml").write_text(MEASUREMENT.replace(*change) if change[0] else MEASUREMENT)
+    if data is not None:
+        (folder / "a.csv").write_text(data)
+    assert cli.main(["diagnose", "m"]) == 2
+    said = capsys.readouterr()
+    assert words in said.err
+    assert said.err.count("driveline:") == 1 and "Traceback" not in said.err
+    assert said.out == ""
+    assert [path.name for path in tmp_path.iterdir()] == ["m"]
+
+
+@pytest.mark.parametrize("name", ["gone", "empty", "picture.png"])
+def test_what_is_no_measurement_is_2(tmp_path, monkeypatch, capsys, name):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "picture.png").write_bytes(b"\x89PNG")
+    assert cli.main(["diagnose", name]) == 2
+    assert name in capsys.readouterr().err
 
 
 @pytest.mark.skipif(not SHARED.is_file(), reason=f"the road log is not beside the checkout ({SHARED})")
