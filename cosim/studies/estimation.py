@@ -35,6 +35,8 @@ SOURCES = {  # of an estimator's inputs
     "engine_torque": "crankshaft_torque", "engine_speed": "engine_speed_measured",
     "wheel_speed": "wheel_speed_measured",
 }
+THESIS_TKBSE = "tkbse of the thesis"
+AS_IN_THESIS = (("delay.wheel_speed_deviation", 0.0), ("trigger.tip_ins", 1.0))  # no delay found, no mean of tip-ins
 INTERVAL = ("low90", "high90")  # what an estimate's name ends in where its estimator gives an interval
 MISSED = 100.0  # error of a traversal that is not found, or of a size that is never estimated [%]
 
@@ -113,20 +115,34 @@ class Reading:
         estimator: A name of ``ESTIMATORS``.
         period: Its sampling time [s].
         factors: On its own parameters, to make it wrong on purpose: name and factor.
+        settings: Its parameters that are not as it ships: name and value.
+        label: What it is called then.
     """
 
     estimator: str
     period: float = 0.01
     factors: tuple[tuple[str, float], ...] = ()
+    settings: tuple[tuple[str, float], ...] = ()
+    label: str = ""
+
+    @property
+    def name(self) -> str:
+        """Of the estimator, or what it is called with its settings."""
+        return self.label or self.estimator
+
+    def told(self, bus: Bus) -> Reading:
+        """The same knowing how late both speeds are."""
+        delays = (("delay.engine_speed", bus.engine_delay), ("delay.wheel_speed", bus.wheel_delay))
+        return replace(self, settings=(*self.settings, *delays), label=f"{self.name}, told")
 
     def parameters(self, gear: int) -> dict[str, float]:
-        """Computed from the vehicle file, then multiplied."""
+        """Computed from the vehicle file, then multiplied, then set."""
         values = dict(ESTIMATORS[self.estimator].defaults_from(vehicle(), gear))
         model = ESTIMATORS[self.estimator](values)
         values["sampling.period"] = self.period
         for name, factor in self.factors:
             values[name] = factor * model[name]
-        return values
+        return values | dict(self.settings)
 
 
 @functools.cache
@@ -143,6 +159,17 @@ def position_estimators() -> list[str]:
 def size_estimators() -> list[str]:
     """The estimators that say how large the lash is; the thesis's first."""
     return _that_give("lash_size")
+
+
+def size_readings() -> list[Reading]:
+    """Every size estimator at every sampling time; TKBSE also without what goes beyond the thesis."""
+    return [*every(size_estimators()),
+            *(Reading("tkbse", period, settings=AS_IN_THESIS, label=THESIS_TKBSE) for period in PERIODS)]
+
+
+def names(readings: Iterable[Reading]) -> list[str]:
+    """Of the readings, each once."""
+    return list(dict.fromkeys(reading.name for reading in readings))
 
 
 def _that_give(*outputs: str) -> list[str]:

@@ -27,7 +27,6 @@ from cosim.studies.estimation import (
 from cosim.studies.findings import Findings
 
 RPM = 30.0 / np.pi
-THESIS_ESTIMATORS = ("dskse", "tkbse")
 COLORS = ("first", "second", "third", "fourth")
 PLANT = "full-order plant"
 
@@ -43,7 +42,7 @@ def through_fmus(findings: Findings, drive: Drive, readings: Sequence[Reading]) 
     theirs = (through_master(drive, built) or {}) if built else {}
     plant = run_plant(drive) if theirs else None
     for reading in readings:
-        name = f"FMUs and master against in-process run, {in_ms(reading.period)}, {reading.estimator}"
+        name = f"FMUs and master against in-process run, {in_ms(reading.period)}, {reading.name}"
         if reading not in theirs:
             findings.add(name, "1", None, None, "not all FMUs are built: `driveline build`")
         else:
@@ -143,5 +142,5 @@ def held(found: Estimates, output: str, label: str, shade: str, factor: float = 
 def of_cases(found: Mapping[str, Any], names: Sequence[str], readings: Sequence[Reading],
              error: Callable[[Mapping[str, Any], int], float]) -> dict[tuple[str, float], list[float]]:
     """Errors of every reading over some cases, by estimator and sampling time."""
-    return {(reading.estimator, reading.period): [error(found[name], i) for name in names]
+    return {(reading.name, reading.period): [error(found[name], i) for name in names]
             for i, reading in enumerate(readings)}

@@ -18,15 +18,16 @@ from cosim.report.study_figures import Curve, Panel
 from cosim.studies import size_estimator
 from cosim.studies.estimation import (
     PERIODS,
+    THESIS_TKBSE,
     Drive,
     Reading,
-    every,
     in_ms,
-    listen,
     measure_size,
+    names,
     run_plant,
     size_errors,
     size_estimators,
+    size_readings,
 )
 from cosim.studies.estimator_findings import (
     RPM,
@@ -60,6 +61,7 @@ PRINTED_LARGEST = {0.01: 8.0}  # section 5.1
 PRINTED_BOTH = 4.0  # section 4.3.7, at 10 ms
 PRINTED_JITTER = 3.5  # section 5.1, largest at 10 ms
 ERROR = "error [%]"
+TOLD = (THESIS_TKBSE, "lash_observer")  # these also know the delays
 
 Errors = Mapping[tuple[str, float], Sequence[float]]
 
@@ -77,7 +79,7 @@ def run(out: Path, progress: Callable[[float], None], profiles: Mapping[str, Map
         workers, cluster: See ``sweep.Sweep``.
     """
     findings = Findings()
-    readings = every(size_estimators())
+    readings = size_readings()
     drives: dict[Any, Drive] = {"plain": validation}
     drives |= {(name, lash): Drive(profile, stop=validation.stop, vehicle_speed=SPEED, lash=lash)
                for named in profiles.values() for name, profile in named.items() for lash in lashes}
@@ -87,12 +89,19 @@ def run(out: Path, progress: Callable[[float], None], profiles: Mapping[str, Map
     jittered = {("jitter", *pair): validation.with_bus(engine_jitter=pair[0], wheel_jitter=pair[1])
                 for pair in product(jitter_sets, jitter_sets) if pair != (1, 1)}
     drives |= engine | wheel | both | jittered
+    late = {**engine, **wheel, **both}
+    told = {name: [reading.told(drive.bus) for reading in readings if reading.name in TOLD]
+            for name, drive in late.items()}
     cases = [Case(str(name), measure_size, {"drive": drive, "readings": readings})
              for name, drive in drives.items()]
+    cases += [Case(f"told {name}", measure_size, {"drive": late[name], "readings": knowing})
+              for name, knowing in told.items()]
     results = Sweep(out / CACHE, workers, cluster).run(cases, lambda share: progress(0.7 * share))
     found = {name: results[str(name)] for name in drives}
     _rows(findings, found, profiles, lashes, readings)
-    _delay_and_jitter_rows(findings, found, [*engine, *wheel, "both"], list(jittered), readings)
+    _delay_and_jitter_rows(findings, found, [*late], list(jittered), readings)
+    for name, knowing in told.items():
+        _delay_rows(findings, _late_by(name), results[f"told {name}"], knowing, None)
     errors = of_cases(found, [name for name in found if name != "plain"], readings, final_error)
     _summary(findings, found, errors, readings, list(jittered))
     _table_4_2(findings, profiles, lashes, list(jittered))
@@ -128,7 +137,7 @@ def _rows(findings: Findings, found: Mapping[Any, Any], profiles: Mapping[str, M
     for named in profiles.values():
         for (name, profile), lash, (i, reading) in product(named.items(), lashes, enumerate(readings)):
             case = found[name, lash]
-            which = f"{name}, {LASHES[lash]}, {in_ms(reading.period)}, {reading.estimator}"
+            which = f"{name}, {LASHES[lash]}, {in_ms(reading.period)}, {reading.name}"
             findings.add(f"lash size, error, {which}", "%", None, abs(final_error(case, i)), _note(case, i))
             if name == "Random":
                 errors = size_errors(case, i)
@@ -144,14 +153,23 @@ def _delay_and_jitter_rows(findings: Findings, found: Mapping[Any, Any], delayed
                            jittered: Sequence[Any], readings: Sequence[Reading]) -> None:
     """Figures 4.17, 4.19, 4.21 and 4.23 in numbers; without either for comparison."""
     named = {"plain": "no delay, no jitter"}
-    named |= {name: f"{name[0]} speed {in_ms(name[1])} late" if name != "both" else
-              f"engine speed {in_ms(BOTH_DELAYS[0])}, wheel speed {in_ms(BOTH_DELAYS[1])} late" for name in delayed}
+    named |= {name: _late_by(name) for name in delayed}
     named |= {name: f"jitter sets engine {name[1]}, wheel {name[2]}" for name in jittered}
     for name, text in named.items():
-        for i, reading in enumerate(readings):
-            printed = PRINTED_BOTH if name == "both" and reading.period == 0.01 else None
-            findings.add(f"lash size, error, {text}, {in_ms(reading.period)}, {reading.estimator}", "%", printed,
-                         abs(final_error(found[name], i)), _note(found[name], i))
+        _delay_rows(findings, text, found[name], readings, PRINTED_BOTH if name == "both" else None)
+
+
+def _delay_rows(findings: Findings, text: str, case: Mapping[str, Any], readings: Sequence[Reading],
+                printed: float | None) -> None:
+    for i, reading in enumerate(readings):
+        findings.add(f"lash size, error, {text}, {in_ms(reading.period)}, {reading.name}", "%",
+                     printed if reading.period == PERIODS[0] else None, abs(final_error(case, i)), _note(case, i))
+
+
+def _late_by(name: Any) -> str:
+    if name == "both":
+        return f"engine speed {in_ms(BOTH_DELAYS[0])}, wheel speed {in_ms(BOTH_DELAYS[1])} late"
+    return f"{name[0]} speed {in_ms(name[1])} late"
 
 
 def _summary(findings: Findings, found: Mapping[Any, Any], errors: Errors, readings: Sequence[Reading],
@@ -161,7 +179,7 @@ def _summary(findings: Findings, found: Mapping[Any, Any], errors: Errors, readi
 
     summarise(findings, "error of the lash size, the whole set", "%", errors, printed, "figure 4.24; about")
     for i, reading in enumerate(readings):
-        which = f"{in_ms(reading.period)}, {reading.estimator}"
+        which = f"{in_ms(reading.period)}, {reading.name}"
         if jittered:
             findings.add(f"largest error of the lash size with jitter, {which}", "%",
                          PRINTED_JITTER if reading.period == 0.01 else None,
@@ -220,14 +238,14 @@ class _Figures:
                              (0.0, self.validation.stop))
             self._profile_errors(errors, kind, list(named), lashes)
 
-    def _profile_errors(self, number: int, kind: str, names: Sequence[str], lashes: Sequence[float]) -> None:
+    def _profile_errors(self, number: int, kind: str, profiles: Sequence[str], lashes: Sequence[float]) -> None:
         """A panel an estimator and lash; groups are profiles, series are sampling times."""
         panels = []
-        for estimator, lash in product(size_estimators(), lashes):
-            series = {in_ms(r.period): [abs(final_error(self.found[name, lash], i)) for name in names]
-                      for i, r in enumerate(self.readings) if r.estimator == estimator}
-            panels.append(Groups(f"{LASHES[lash]}, {estimator}", [name.partition(" (")[0] for name in names], series,
-                                 ERROR))
+        for estimator, lash in product(names(self.readings), lashes):
+            series = {in_ms(r.period): [abs(final_error(self.found[profile, lash], i)) for profile in profiles]
+                      for i, r in enumerate(self.readings) if r.name == estimator}
+            panels.append(Groups(f"{LASHES[lash]}, {estimator}", [profile.partition(" (")[0] for profile in profiles],
+                                 series, ERROR))
         self._groups(number, f"error of the lash size, torque profiles: {kind}", panels, len(lashes))
 
     def delays(self) -> None:
@@ -242,7 +260,7 @@ class _Figures:
         late = self.validation.with_bus(engine_delay=BOTH_DELAYS[0], wheel_delay=BOTH_DELAYS[1])
         self._simulation(20, "engine speed 10 ms, wheel speed 30 ms late", late, (0.0, self.validation.stop))
         series = {estimator: [abs(final_error(self.found["both"], i)) for i, r in enumerate(self.readings)
-                              if r.estimator == estimator] for estimator in size_estimators()}
+                              if r.name == estimator] for estimator in names(self.readings)}
         self._groups(21, "error of the size with both delays, 2 alpha", [Groups(
             "engine speed 10 ms, wheel speed 30 ms late", [in_ms(p) for p in PERIODS], series, ERROR,
             "sampling time", [PRINTED_BOTH, None, None])], 1)
@@ -279,8 +297,8 @@ class _Figures:
                 "speed [rpm]", x_range=span))
         self._draw(22, "how jitter is put into the speeds", panels, 2)
         panels = []
-        for estimator, (i, reading) in product(size_estimators(), enumerate(self.readings)):
-            if reading.estimator == estimator:
+        for estimator, (i, reading) in product(names(self.readings), enumerate(self.readings)):
+            if reading.name == estimator:
                 series = {f"wheel set {wheel}": [abs(final_error(self.found[self._pair(engine, wheel)], i))
                                                  for engine in sets] for wheel in sets}
                 panels.append(Groups(f"{in_ms(reading.period)}, {estimator}", [str(s) for s in sets], series, ERROR,
@@ -298,7 +316,8 @@ class _Figures:
 
     def _simulation(self, number: int, name: str, drive: Drive, span: tuple[float, float]) -> None:
         plant = run_plant(drive)
-        heard = {e: listen(plant, Reading(e), drive.gear, drive.step) for e in size_estimators()}
+        who = size_estimators() if drive.bus == self.validation.bus else names(self.readings)
+        heard = size_estimator.heard(plant, drive, who)
         self._draw(number, f"{name}, 2 alpha, 10 ms",
                    size_estimator.panels(plant, heard, drive, span, split=True), 2)
 

@@ -7,7 +7,7 @@ steps have the first-order shape of the engine. The rest is chosen here.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -54,6 +54,10 @@ class TorqueProfile(Signal):
         if self.lag:
             return target + (begin - target) * np.exp(-elapsed / self.lag)
         return begin + np.clip(target - begin, -rate * elapsed, rate * elapsed)
+
+    def later(self, delay: float) -> TorqueProfile:
+        """The same, ``delay`` [s] later."""
+        return replace(self, changes=tuple((round(at + delay, 6), target, rate) for at, target, rate in self.changes))
 
     @property
     def tip_ins(self) -> tuple[float, ...]:

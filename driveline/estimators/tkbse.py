@@ -205,15 +205,15 @@ def advance(state, work, torque, engine_good, wheel_good):
     if (shaft_torque(work, 0, X) > work[CALM_TORQUE]
             and abs(work[X + SIZE] - state[CALM_SIZE]) < work[CALM_RATE] * work[CALM_TIME]):
         state[CALM] += work[PERIOD]
-        # Half of a lash that lies in two places can settle too, so one much larger replaces it.
-        if state[CALM] >= work[CALM_TIME]:
+        # Its mean over the first period of shuffle, which moves it where stiffness and inertias are not quite
+        # right; no longer, for a speed that is late makes it drift.
+        if state[CALM] >= work[CALM_TIME] and state[SETTLED] * work[PERIOD] < work[SHUFFLE]:
+            # half of a lash that lies in two places can settle too, so one much larger replaces it
             if work[X + SIZE] > LARGER * state[CANDIDATE]:
                 state[CANDIDATE] = 0.0
                 state[SETTLED] = 0.0
-            # over a period of shuffle, which moves it as long as stiffness and inertias are not quite right
-            if state[SETTLED] * work[PERIOD] < work[SHUFFLE]:
-                state[SETTLED] += 1.0
-                state[CANDIDATE] += (work[X + SIZE] - state[CANDIDATE]) / state[SETTLED]
+            state[SETTLED] += 1.0
+            state[CANDIDATE] += (work[X + SIZE] - state[CANDIDATE]) / state[SETTLED]
     else:
         state[CALM] = 0.0
     surprise = 0.5 * (engine * engine / work[SPREAD_ENGINE] + wheel * wheel / work[SPREAD_WHEEL])

@@ -21,6 +21,7 @@ from cosim.studies.estimation import (
     run_plant,
     size_errors,
     size_estimators,
+    size_readings,
     sizes_after,
     through_master,
     traversal_error,
@@ -127,6 +128,19 @@ def test_factors_change_the_estimator_and_not_the_plant():
 def test_covariances_have_factors_too():
     wrong = Reading("dskse", factors=(("noise.q_2", 100.0),)).parameters(5)
     assert wrong["noise.q_2"] == pytest.approx(1e5)
+
+
+def test_readings_have_settings_and_know_delays_that_are_told():
+    told = Reading("tkbse", settings=(("trigger.tip_ins", 1.0),), label="alone").told(Bus(0.01, 0.03))
+    values = told.parameters(5)
+    assert told.name == "alone, told" and Reading("tkbse").name == "tkbse"
+    assert (values["trigger.tip_ins"], values["delay.engine_speed"], values["delay.wheel_speed"]) == (1.0, 0.01, 0.03)
+
+
+def test_every_size_reading_has_its_own_name_at_a_period():
+    readings = size_readings()
+    assert len({(reading.name, reading.period) for reading in readings}) == len(readings)
+    assert {reading.name for reading in readings} == {*size_estimators(), "tkbse of the thesis"}
 
 
 def test_a_case_says_what_listening_says():

@@ -8,7 +8,7 @@ import pytest
 
 from cosim import studies
 from cosim.studies import road_log, size_estimator, size_estimator_robustness
-from cosim.studies.estimation import Drive, position_estimators, size_estimators
+from cosim.studies.estimation import THESIS_TKBSE, Drive, position_estimators, size_estimators
 from cosim.studies.findings import Findings
 from cosim.studies.state_estimator_robustness import DENSITY
 from cosim.studies.torque_profiles import RATE, ramps
@@ -25,7 +25,7 @@ SMALL = {
     "state-estimator-robustness": {"steps": (300,), "ramps": (250, 500), "jitter_sets": (1, 3), "seeds": (1,),
                                    "phases": (0.0, 0.004), "workers": 1},
     "state-estimator-sensitivity": {"ramps": (250, 500), "factors": (1.2, 1.5), "workers": 1},
-    "size-estimator": {"drive": SHORT, "workers": 1},
+    "size-estimator": {"drive": SHORT, "phases": 2, "workers": 1},
     "size-estimator-robustness": {"profiles": PROFILES, "lashes": (1.0,), "jitter_sets": (1, 3),
                                   "validation": SHORTER, "workers": 1},
 }
@@ -143,6 +143,28 @@ def test_errors_are_those_of_the_sizes_said(ran):
         if entry["quantity"].startswith("lash size, error after the last tip-in"):
             said, true = (float(text.split(" deg")[0].split()[-1]) for text in entry["note"].split(", "))
             assert entry["here"] == pytest.approx(100.0 * abs(said / true - 1.0), abs=0.1)
+
+
+def test_the_thesis_estimator_alone_stands_beside_the_one_that_ships(ran):
+    """On the same runs, and told of the delays where there are any."""
+    _, size, _ = ran("size-estimator")
+    _, robustness, _ = ran("size-estimator-robustness")
+    for entry in [*size["rows"], *robustness["rows"]]:
+        if entry["quantity"].endswith("ms, tkbse"):
+            row(size if entry in size["rows"] else robustness, f"{entry['quantity']} of the thesis")
+    late = "lash size, error, wheel speed 30 ms late, 10 ms"
+    alone, told, found = (row(robustness, f"{late}, {name}")["here"] for name in (
+        f"{THESIS_TKBSE}", f"{THESIS_TKBSE}, told", "tkbse"))
+    assert alone > 5.0 > 2.0 > max(told, found)
+
+
+def test_where_the_frames_fall_is_averaged(ran):
+    _, result, _ = ran("size-estimator")
+    entry = row(result, "lash size, mean error wherever the frames fall, 2 alpha, 10 ms, tkbse")
+    low, high = (float(text.split(" %")[0]) for text in entry["note"].split("from ")[1].split(" to "))
+    first = row(result, "lash size, error after the last tip-in, 2 alpha, 10 ms, tkbse")["here"]
+    assert min(abs(low), abs(high)) - 0.01 <= entry["here"] <= max(abs(low), abs(high)) + 0.01
+    assert min(abs(first - abs(low)), abs(first - abs(high))) <= 0.01
 
 
 def test_true_sizes_are_two_four_and_six_alpha():

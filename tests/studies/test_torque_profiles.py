@@ -86,3 +86,9 @@ def test_the_profile_can_be_told_in_a_results_provenance():
 
 def test_the_lag_is_the_engines():
     assert vehicles.load("pickup_10r80").values["engine.air_lag"] == ENGINE_LAG
+
+
+def test_later_is_the_same_later():
+    profile = random().later(0.007)
+    np.testing.assert_allclose(profile.values(TIME[7:]), random().values(TIME[:-7]), atol=1e-9)
+    assert profile.tip_ins == pytest.approx(np.array(random().tip_ins) + 0.007)
