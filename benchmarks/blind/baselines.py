@@ -18,6 +18,7 @@ import json
 import tempfile
 import time
 import traceback
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -38,10 +39,10 @@ from cosim.studies.sweep import Case
 from driveline.quantities import InputError
 
 LINES = "baselines.jsonl"
-ITERATIONS = 3  # of least squares over all parameters
+ITERATIONS = 4  # of least squares over all parameters
 FINALISTS = 5  # effects that are fitted out; the others are screened, one step from the file and from far off
 _FAR = 3.0  # detection limits
-_SHARES = (1.0, 0.4, 0.1)  # of a step that are tried
+_DAMPING = (0.0, 1e-3, 1e-1, 10.0)  # Marquardt's, as far as a step does not lower the cost
 HEADS = ("method", "single: right first", "pair: both first", "false alarms", "stiffness for inertia",
          "outside: confidently wrong", "single: error of parameters", "single: intervals hold the truth", "time [s]")
 
@@ -172,7 +173,7 @@ class Squares:
         return self._jacobian[:, [self._all.index(column) for column in columns]]
 
     def fit(self, columns: list[int], start: np.ndarray, iterations: int) -> Fit:
-        """The best point in so many steps of Gauss and Newton, within what is plausible."""
+        """The best point in so many steps of Levenberg and Marquardt, within what is plausible."""
         found = [self.predictor.coordinates[i] for i in columns]
         spread, tolerance, low, high = (np.array([getattr(c, name) for c in found])
                                         for name in ("spread", "tolerance", "low", "high"))
@@ -188,10 +189,10 @@ class Squares:
             normal = scaled.T @ scaled + np.diag(own * (spread / tolerance)**2)
             inverse = np.linalg.pinv(normal, 1e-10, hermitian=True)
             downhill = scaled.T @ (errors * weights) - own * spread / tolerance**2 * u[columns]
-            step = spread * (inverse @ downhill)
-            for share in _SHARES:
+            for damping in _DAMPING:
+                damped = np.linalg.pinv(normal + damping * np.diag(np.diag(normal)), 1e-10, hermitian=True)
                 trial = u.copy()
-                trial[columns] = np.clip(u[columns] + share * step, low, high)
+                trial[columns] = np.clip(u[columns] + spread * (damped @ downhill), low, high)
                 tried = self._predicted(trial)
                 if (now := self._cost(trial, tried)) < cost:
                     break
@@ -334,8 +335,10 @@ def sparse_regression(squares: Squares) -> dict[str, Any]:
     targets = np.column_stack([left[name] / _reach(terms[shown[name]]) for name in left])
     model = pysindy.SINDy(feature_library=pysindy.IdentityLibrary(),
                           optimizer=pysindy.STLSQ(threshold=THRESHOLD, alpha=1e-3))
-    # the library is given as a control, and what is to be explained in place of a state's rate
-    model.fit(np.zeros_like(targets), t=STEP, x_dot=targets, u=library)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Sparsity parameter is too big")  # nothing left to explain: right so
+        # the library is given as a control, and what is to be explained in place of a state's rate
+        model.fit(np.zeros_like(targets), t=STEP, x_dot=targets, u=library)
     weights = model.coefficients()[:, targets.shape[1]:]
     found: dict[str, float] = {}
     for target, row in zip(left, weights):
