@@ -33,7 +33,7 @@ from benchmarks.blind.cases import BlindCase
 from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.hidden import hide
 from cosim.diagnosis.plants import FullOrderCar, Run
-from cosim.diagnosis.predict import WANDER, Predictor, coordinates
+from cosim.diagnosis.predict import RUN_NUISANCES, Predictor, coordinates
 from cosim.measured import load
 from cosim.studies.sweep import Case
 from driveline.quantities import InputError
@@ -68,7 +68,7 @@ def compared(case: BlindCase) -> dict[str, Any]:
                                            manoeuvres=case.manoeuvres))
         measurement = load(path)
     car = FullOrderCar(measurement.vehicle, measurement.variant)
-    runs = car.runs(measurement)
+    runs = [run.free for run in car.runs(measurement)]
     with Predictor(car, runs, coordinates(car, runs), 1) as predictor:
         squares = Squares(predictor)
         for name, method in METHODS.items():
@@ -141,7 +141,7 @@ class Squares:
         self._counts = np.bincount(self._channel)
         self.origin = np.zeros(len(predictor.coordinates))
         self.nominal = self._predicted(self.origin)
-        self.nuisances = [i for i, c in enumerate(predictor.coordinates) if c.nuisance and c.name != WANDER]
+        self.nuisances = [i for i, c in enumerate(predictor.coordinates) if c.nuisance and c.name in RUN_NUISANCES]
         self.effects = {name: predictor.index(name) for name in CATALOGUE if predictor.index(name)}
         self._all = self.everything
         self._prior = np.array([predictor.coordinates[i].tolerance for i in self.nuisances])

@@ -227,7 +227,7 @@ def _ideal(diagnosis: Any, hidden: Hidden) -> dict[str, list[float]] | None:
     if not diagnosis.reserved or not hidden.effects:
         return None
     car, found = diagnosis.car, {}
-    for run in diagnosis.reserved:
+    for run in (reserved.free for reserved in diagnosis.reserved):
         shown = [car.predict(values, run) for values in (car.values, _true(car, hidden))]
         for name, place in run.slices.items():
             reach = float(np.ptp(run.measured[name]))

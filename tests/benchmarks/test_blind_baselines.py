@@ -17,7 +17,7 @@ def squares(folder, effects):
     hide(effects, 3, folder, structure="same", drift="none", manoeuvres=("tip_in:5", "pulse_train:4"))
     measurement = load(folder)
     car = FullOrderCar(measurement.vehicle, measurement.variant)
-    runs = car.runs(measurement)
+    runs = [run.free for run in car.runs(measurement)]
     few = baselines.Squares(Predictor(car, runs, coordinates(car, runs), 1))
     few.effects = {name: few.effects[name] for name in FEW}
     return few
