@@ -4,18 +4,20 @@ Every effect of the catalogue that the plant can show becomes a direction in whi
 Sets of effects are compared by their evidence, all of them up to three at once: the model is linear where it
 matters, so that costs nothing. An effect is a cause only if time it was not fitted to is predicted better with
 it than without, block by block, after correction for the number of effects tried. What is no effect but never
-exact, that the samples of two channels are some milliseconds apart, is estimated beside every one of them.
+exact, that the samples of two channels are some milliseconds or part of a frame apart, is estimated beside every
+one of them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
+from scipy.stats import ttest_1samp
 
 from cosim.diagnosis.catalogue import shown_by
 from cosim.diagnosis.effect import EffectParameter
@@ -23,16 +25,17 @@ from cosim.diagnosis.plants.rigid import RigidPlant
 from cosim.diagnosis.plants.run import STEP, Run
 from cosim.diagnosis.regression import Band, dependence, paired
 
-BAND, TRIM = Band(), 0.25
+TRIM = 0.25  # s, at both ends of a run
 BLOCK = 2.0  # s
 SIGNIFICANT = 0.01  # after correction for the number of effects
-SKEW = 2e-3  # s: by how much the samples of a channel are late, one sigma
+SKEW, FRAMES = 2e-3, 0.5  # by how much the samples of a channel are late, one sigma: s, and sampling intervals
 TOLERANCE = 0.25  # what the catalogue can name is right on a healthy bench but for this share of what shows
 SLIGHT = 0.02  # an effect that moves every channel by less than this share of it is within tolerance
 RARE = 0.05  # share of benches on which an effect is there, before any is looked at
 MOST = 4  # effects at once
 APART = 3.0  # sigma: causes that are closer cannot be told apart
 LISTED = 0.02  # less probable causes are not listed
+_FRAMES = " frames"
 
 
 @dataclass(frozen=True)
@@ -40,7 +43,7 @@ class Direction:
     """One number that may differ from the vehicle file; 0 is as the file says.
 
     Attributes:
-        name: Of the effect's parameter; of the channel for the skew of its samples.
+        name: Of the effect's parameter; of the channel for the skew of its samples, in seconds or in frames.
         effect: The effect it belongs to; empty for a skew.
         parameter: What it does; None for a skew. The torques are linear in its size, so the direction is the
             size beyond the neutral one, not its logarithm.
@@ -113,8 +116,63 @@ class InverseDiagnosis:
     notices: list[str] = field(default_factory=list)
 
 
-class Inverse:
-    """Needed and measured torques of some runs, and how each effect moves them.
+class Torques:
+    """Measured torques of some runs and what their motion needs, filtered alike.
+
+    Args:
+        plant: The bench as its vehicle file has it.
+        runs: What is compared.
+        band: In which; by default that in which their motion is known.
+    """
+
+    def __init__(self, plant: RigidPlant, runs: Sequence[Run], band: Band | None = None) -> None:
+        self.plant, self.runs = plant, list(runs)
+        self.motions = [plant.motion(run, plant.values) for run in runs]
+        self.shown = [plant.shown(run) for run in runs]
+        intervals = np.concatenate([np.diff(clock) for shown in self.shown for clock, _ in shown.values()])
+        self.interval = float(np.mean(intervals))
+        self.band = band or Band.sampled(float(np.quantile(intervals, 0.9)))
+        self.channels = list(self.shown[0])
+        nominal = self.measured({})
+        self.scale = {c: float(np.sqrt(np.mean(np.concatenate([m[c] for m in nominal]) ** 2))) for c in self.channels}
+
+    def clock(self, run: int) -> np.ndarray:
+        """Instants [s] of what is compared."""
+        return self.band.thinned(self.motions[run].time, STEP, TRIM)
+
+    def measured(self, skew: Mapping[str, float]) -> list[dict[str, np.ndarray]]:
+        """Every run's measured torques, filtered, if their samples were late.
+
+        Args:
+            skew: By how much: ``CHANNEL`` in s, ``CHANNEL frames`` in sampling intervals. A bus that reads one
+                value after another gives each a lateness of its own, and more of it where it is slow.
+        """
+        found = []
+        for motion, shown in zip(self.motions, self.shown):
+            signals = {}
+            for name, (clock, values) in shown.items():
+                interval = np.diff(clock, prepend=2.0 * clock[0] - clock[1])
+                true = clock - skew.get(name, 0.0) - skew.get(name + _FRAMES, 0.0) * interval
+                later = np.concatenate([[True], np.diff(np.maximum.accumulate(true)) > 0.0])
+                signals[name] = np.interp(motion.time, true[later], values[later])
+            found.append(self._filtered(signals))
+        return found
+
+    def needed(self, values: Mapping[str, float]) -> list[dict[str, np.ndarray]]:
+        """What every run's motion needs with these values of plant and sensors, filtered."""
+        return [self._filtered(self.plant.torques(values, run, motion))
+                for run, motion in zip(self.runs, self.motions)]
+
+    def missing(self, values: Mapping[str, float], skew: Mapping[str, float]) -> list[dict[str, np.ndarray]]:
+        """Measured minus needed."""
+        return [{c: m[c] - n[c] for c in self.channels} for m, n in zip(self.measured(skew), self.needed(values))]
+
+    def _filtered(self, signals: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        return {name: self.band.of(signal, STEP, TRIM) for name, signal in signals.items()}
+
+
+class Inverse(Torques):
+    """How each effect moves the needed torques, and which sets of effects make them the measured ones.
 
     Args:
         plant: The bench as its vehicle file has it.
@@ -122,13 +180,9 @@ class Inverse:
     """
 
     def __init__(self, plant: RigidPlant, runs: Sequence[Run]) -> None:
-        self.plant, self.runs = plant, list(runs)
+        super().__init__(plant, runs)
         self.effects = shown_by(plant.knows)
-        self.measured = [self._filtered(plant.shown(run)) for run in runs]
-        self.channels = list(self.measured[0])
-        self.scale = {c: float(np.sqrt(np.mean(np.concatenate([m[c] for m in self.measured]) ** 2)))
-                      for c in self.channels}
-        self.nominal = self.predict(plant.values, {})
+        self.nominal = self.missing(plant.values, {})
         self.directions: list[Direction] = []
         slopes = []
         for direction in self._possible():
@@ -137,7 +191,8 @@ class Inverse:
                         for c in self.channels)
             if reach > 1e-9:  # no cause moves more than there is, no tolerance moves what one would notice
                 self.directions.append(replace(direction, spread=min(direction.spread, 1.0 / reach),
-                                               tolerance=min(direction.tolerance, SLIGHT / reach)))
+                                               tolerance=min(direction.tolerance, SLIGHT / reach))
+                                       if direction.effect else direction)
                 slopes.append(found)
         self.rows: list[Rows] = []
         self.sigma = dict(self.scale)
@@ -150,14 +205,13 @@ class Inverse:
                 step = 0.25 * p.detection
                 if not p.limits[0] <= p.neutral + step <= p.limits[1]:
                     step = -step
-                # what cannot be less than none is none on a healthy bench
-                tolerance = 0.0 if p.neutral in p.limits else TOLERANCE * p.detection
+                # what the file has none of, and cannot be less than none, a healthy bench has none of
+                absent = p.neutral in p.limits and not any(self.plant.values.get(t, 0.0) for t in p.targets)
+                tolerance = 0.0 if absent else TOLERANCE * p.detection
                 yield Direction(p.name, effect.name, p, step, tolerance, spread)
         for c in self.channels:
             yield Direction(c, "", None, STEP, SKEW, SKEW)
-
-    def _filtered(self, signals: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        return {name: BAND.of(signal, STEP, TRIM) for name, signal in signals.items()}
+            yield Direction(c + _FRAMES, "", None, 0.2, FRAMES, FRAMES)
 
     def at(self, point: np.ndarray, effects: Iterable[str] | None = None) -> tuple[dict[str, float], dict[str, float]]:
         """The values that a point stands for, of all effects or of some, and the skew of every channel [s]."""
@@ -173,20 +227,9 @@ class Inverse:
             values[name] = min(max(values[name], low), high)
         return values, {d.name: float(x) for d, x in zip(self.directions, point) if not d.effect}
 
-    def predict(self, values: Mapping[str, float], skew: Mapping[str, float]) -> list[dict[str, np.ndarray]]:
-        """Every run's needed torques, filtered as they are compared; channels late by ``skew`` [s]."""
-        found = []
-        for run in self.runs:
-            needed = self.plant.torques(values, run)
-            time = STEP * np.arange(len(run.inputs))
-            late = {name: np.interp(time - skew[name], time, signal) if skew.get(name) else signal
-                    for name, signal in needed.items()}
-            found.append(self._filtered(late))
-        return found
-
     def _slope(self, direction: Direction, point: np.ndarray,
-               predicted: Sequence[Mapping[str, np.ndarray]]) -> list[dict[str, np.ndarray]]:
-        """Derivative of every run's torques in a direction at a point, by one-sided differences."""
+               missing: Sequence[Mapping[str, np.ndarray]]) -> list[dict[str, np.ndarray]]:
+        """How every run's missing torques fall in a direction at a point, by one-sided differences."""
         if direction.effect and direction not in self.directions:  # not yet known to move anything
             p = direction.parameter
             values = dict(self.plant.values)
@@ -198,28 +241,27 @@ class Inverse:
             values, skew = self.at(moved)
         else:
             values, skew = self.plant.values, {direction.name: direction.step}
-        return [{c: (m[c] - n[c]) / direction.step for c in self.channels}
-                for m, n in zip(self.predict(values, skew), predicted)]
+        return [{c: (n[c] - m[c]) / direction.step for c in self.channels}
+                for m, n in zip(self.missing(values, skew), missing)]
 
     def relinearise(self, supposition: Supposition) -> None:
         """Take the derivatives, and the noise's scale, at another point: with some effects in, the rest as built."""
         point = np.array([x if not d.effect else d.size(x) - d.parameter.neutral if d.effect in supposition.effects
                           else 0.0 for d, x in zip(self.directions, supposition.point.tolist())])
-        predicted = self.predict(*self.at(point))
-        self._settle(point, predicted, [self._slope(d, point, predicted) for d in self.directions])
+        missing = self.missing(*self.at(point))
+        self._settle(point, missing, [self._slope(d, point, missing) for d in self.directions])
 
-    def _settle(self, point: np.ndarray, predicted: Sequence[Mapping[str, np.ndarray]],
+    def _settle(self, point: np.ndarray, missing: Sequence[Mapping[str, np.ndarray]],
                 slopes: Sequence[Sequence[Mapping[str, np.ndarray]]]) -> None:
         """Rows, whitened by what is left when everything may be wrong."""
         everything = np.array([d.spread for d in self.directions])
         for _ in range(3):
             self.rows, first = [], 0
-            for r, measured in enumerate(self.measured):
+            for r, left in enumerate(missing):
                 j = [np.column_stack([s[r][c] for s in slopes]) / self.sigma[c] for c in self.channels]
-                y = [(measured[c] - predicted[r][c]) / self.sigma[c] + own @ point
-                     for c, own in zip(self.channels, j)]
+                y = [left[c] / self.sigma[c] + own @ point for c, own in zip(self.channels, j)]
                 length = y[0].size
-                count = max(1, round(length / (BLOCK * BAND.rate)))
+                count = max(1, round(length / (BLOCK * self.band.rate)))
                 block = first + np.minimum(np.arange(length) * count // length, count - 1)
                 first += count
                 self.rows.append(Rows(np.concatenate(y), np.vstack(j), np.tile(block, len(self.channels)),
@@ -256,45 +298,58 @@ class Inverse:
                 tried[s] = self.supposed(s)
         return sorted(tried.values(), key=lambda s: -s.log_evidence)
 
-    def predicted_errors(self, effects: Iterable[str]) -> np.ndarray:
-        """Squared whitened error of every block, predicted from all others."""
-        spread = self.spread(effects)
+    def predicted_errors(self, effects: Iterable[str], without: str | None = None) -> np.ndarray:
+        """Mean squared whitened error of every block and channel (blocks x channels), predicted from all others.
+
+        Args:
+            effects: The causes; the rest is within tolerance.
+            without: An effect that is exactly as the file says.
+        """
+        spread = self.spread(effects) * np.array([d.effect != without for d in self.directions])
         square, product, by_block = _sums(self.rows, spread.size)
-        found = np.zeros(len(by_block))
-        for b, (s, p, y, j) in enumerate(by_block):
-            point = spread * np.linalg.solve(np.eye(spread.size) + spread[:, None] * (square - s) * spread,
-                                             spread * (product - p))
-            found[b] = float(np.sum((y - j @ point) ** 2))
+        found = np.zeros((len(by_block), len(self.channels)))
+        for b, block in enumerate(by_block):
+            point = spread * np.linalg.solve(np.eye(spread.size) + spread[:, None] * (square - block.square) * spread,
+                                             spread * (product - block.product))
+            error = (block.residual - block.slopes @ point) ** 2
+            found[b] = [error[block.channel == c].mean() for c in range(len(self.channels))]
         return found
 
     def significance(self, best: Sequence[str]) -> dict[str, float]:
         """For every effect of a set: p-value that blocks are predicted no better with it than without."""
         tried = len({d.effect for d in self.directions if d.effect})
-        with_all = self.predicted_errors(best)
-        return {e: min(1.0, tried * paired(self.predicted_errors([o for o in best if o != e]), with_all))
+        with_all = self.predicted_errors(best).sum(axis=1)
+        return {e: min(1.0, tried * paired(self.predicted_errors(best, without=e).sum(axis=1), with_all))
                 for e in best}
 
     def deviations(self, supposition: Supposition) -> np.ndarray:
         """Standard deviation of every direction: by the noise's scale, or what blocks disagree by if that is more."""
-        scores = []
-        for _, _, y, j in _sums(self.rows, len(self.directions))[2]:
-            scores.append(j.T @ (y - j @ supposition.point))
-        scores = np.array(scores)
+        scores = np.array([b.slopes.T @ (b.residual - b.slopes @ supposition.point)
+                           for b in _sums(self.rows, len(self.directions))[2]])
         robust = supposition.covariance @ (scores.T @ scores) @ supposition.covariance
         robust *= len(scores) / max(len(scores) - 1, 1)
         return np.sqrt(np.maximum(np.diag(robust), np.diag(supposition.covariance)))
 
 
-def _sums(rows: Sequence[Rows], size: int) -> tuple[np.ndarray, np.ndarray, list[tuple[np.ndarray, ...]]]:
-    """Normal matrix and right side, altogether and with the rows of every block."""
-    square, product, blocks = np.zeros((size, size)), np.zeros(size), []
+class Block(NamedTuple):
+    """The rows of one block of time, and their normal equations."""
+
+    square: np.ndarray
+    product: np.ndarray
+    residual: np.ndarray
+    slopes: np.ndarray
+    channel: np.ndarray
+
+
+def _sums(rows: Sequence[Rows], size: int) -> tuple[np.ndarray, np.ndarray, list[Block]]:
+    """Normal matrix and right side, altogether and of every block."""
+    blocks = []
     for r in rows:
         for b in np.unique(r.block):
-            j, y = r.slopes[r.block == b], r.residual[r.block == b]
-            blocks.append((j.T @ j, j.T @ y, y, j))
-            square += blocks[-1][0]
-            product += blocks[-1][1]
-    return square, product, blocks
+            j, y, c = r.slopes[r.block == b], r.residual[r.block == b], r.channel[r.block == b]
+            blocks.append(Block(j.T @ j, j.T @ y, y, j, c))
+    return (sum((b.square for b in blocks), np.zeros((size, size))),
+            sum((b.product for b in blocks), np.zeros(size)), blocks)
 
 
 def _solved(rows: Sequence[Rows], spread: np.ndarray) -> tuple[np.ndarray, np.ndarray, float, float]:
@@ -307,3 +362,219 @@ def _solved(rows: Sequence[Rows], spread: np.ndarray) -> tuple[np.ndarray, np.nd
     log_evidence = -0.5 * (length - float(product @ point)) - float(np.sum(np.log(np.diag(factor[0]))))
     misfit = length - 2.0 * float(product @ point) + float(point @ square @ point)
     return point, covariance, log_evidence, misfit
+
+
+def diagnose_inverse(plant: RigidPlant, runs: Sequence[Run], reserved: Sequence[Run] = (),
+                     say: Callable[[str], None] = lambda text: None) -> InverseDiagnosis:
+    """Diagnose a bench.
+
+    Args:
+        plant: As its vehicle file has it.
+        runs: What the diagnosis may use.
+        reserved: What it may not; the gain is measured on these.
+        say: Told what happens.
+    """
+    say("what the measured motion needs, and how every effect moves that")
+    inverse = Inverse(plant, runs)
+    listed = _wrong(inverse)
+    say("comparing sets of effects")
+    tried = inverse.search()
+    if tried[0].effects:
+        inverse.relinearise(tried[0])
+        tried = inverse.search()
+    best = _proved(inverse, tried)
+    shares = {name: 0.0 for name in inverse.effects} | _shares(tried)
+    rivals = _rivals(tried, best)
+    close = [rival for rival in rivals if rival["separation_sigma"] < APART]
+    verdict = ("ambiguous" if close else "cause") if best.effects else "unknown" if listed else "none"
+    after, skew = inverse.at(best.point, best.effects)
+    finding = {
+        "verdict": verdict, "wrong": listed, "causes": _causes(inverse, tried, best, shares),
+        "ambiguous_with": close, "ruled_out": [r for r in rivals if r["separation_sigma"] >= APART],
+        "next_manoeuvre": _next(inverse, tried, best, close[0]["effects"]) if close else None,
+        "unknown": _unknown(inverse) if verdict == "unknown" else None, "gain": None}
+    notices = []
+    for c in inverse.channels:
+        late = skew[c] + skew[c + _FRAMES] * inverse.interval
+        if abs(late) > SKEW:
+            notices.append(f"{c}: samples {1e3 * abs(late):.1f} ms {'late' if late > 0.0 else 'early'} against the "
+                           "motion, which is taken for the logger's")
+    traces = _traces(inverse, after, skew)
+    if reserved:
+        say("measuring the gain on " + ", ".join(run.name for run in reserved))
+        untouched = _traces(Torques(plant, reserved, inverse.band), after, skew)
+        finding["gain"] = _gain(untouched, inverse)
+        traces |= untouched
+    else:
+        notices.append("no recording is left over to measure the gain on")
+    return InverseDiagnosis(finding, after, traces, shares, notices)
+
+
+def _proved(inverse: Inverse, tried: Sequence[Supposition]) -> Supposition:
+    """The most evident set, without what does not predict better time that was left out."""
+    by_set = {s.effects: s for s in tried}
+    best = tried[0]
+    while best.effects:
+        doubts = inverse.significance(best.effects)
+        worst = max(doubts, key=doubts.__getitem__)
+        if doubts[worst] < SIGNIFICANT:
+            break
+        best = by_set[tuple(e for e in best.effects if e != worst)]
+    return best
+
+
+def _shares(tried: Sequence[Supposition]) -> dict[str, float]:
+    """Probability of every effect: of all sets that hold it together."""
+    weight = np.exp(np.array([s.log_evidence for s in tried]) - tried[0].log_evidence)
+    weight /= weight.sum()
+    names = {e for s in tried for e in s.effects}
+    return {e: float(sum(w for s, w in zip(tried, weight) if e in s.effects)) for e in names}
+
+
+def _causes(inverse: Inverse, tried: Sequence[Supposition], best: Supposition,
+            shares: Mapping[str, float]) -> list[dict[str, Any]]:
+    """Every effect of the best set, then less probable ones as they are in the most evident set with them."""
+    found = []
+    for name in sorted(shares, key=lambda e: (e not in best.effects, -shares[e])):
+        if name not in best.effects and shares[name] < LISTED:
+            continue
+        fit = best if name in best.effects else next(s for s in tried if name in s.effects)
+        parameters = {}
+        for d, x, deviation in zip(inverse.directions, fit.point, inverse.deviations(fit)):
+            if d.effect == name:
+                low, value, high = (d.parameter.physical(d.size(x + side * 1.645 * deviation), inverse.plant.values)[1]
+                                    for side in (-1.0, 0.0, 1.0))
+                nominal, _, unit = d.parameter.physical(d.parameter.neutral, inverse.plant.values)
+                parameters[d.name] = {"nominal": nominal, "value": value, "low90": low, "high90": high, "unit": unit}
+        found.append({"effect": name, "probability": shares[name], "parameters": parameters})
+    return found
+
+
+def _rivals(tried: Sequence[Supposition], best: Supposition) -> list[dict[str, Any]]:
+    """For every effect of the best set, what would have to stand in its place, closest first."""
+    found: dict[tuple[str, ...], float] = {}
+    for effect in best.effects:
+        for other in tried:
+            instead = tuple(e for e in other.effects if e not in best.effects)
+            if effect not in other.effects and instead and np.isfinite(other.log_evidence):
+                distance = float(np.sqrt(2.0 * max(best.log_evidence - other.log_evidence, 0.0)))
+                found[instead] = min(found.get(instead, np.inf), distance)
+                break
+    return [{"effects": list(instead), "separation_sigma": distance}
+            for instead, distance in sorted(found.items(), key=lambda item: item[1])]
+
+
+def _wrong(inverse: Inverse) -> list[dict[str, Any]]:
+    """What the vehicle file gets wrong of each channel: its zero, its size, its course."""
+    units = {v.name: v.unit for v in (*inverse.plant.plant.inputs, *inverse.plant.plant.output_variables)}
+    where = f"{', '.join(dict.fromkeys(run.name for run in inverse.runs))}"
+    everything, nominal = inverse.predicted_errors(inverse.effects), inverse.needed(inverse.plant.values)
+    found = []
+    for c, channel in enumerate(inverse.channels):
+        zeros, scales, before, scale = [], [], [], inverse.scale[channel]
+        for r, rows in enumerate(inverse.rows):
+            inside = rows.block[rows.channel == c]
+            for b in np.unique(inside):
+                error, needed = inverse.nominal[r][channel][inside == b], nominal[r][channel][inside == b]
+                zeros.append(float(np.mean(error)))
+                scales.append(float(np.polyfit(needed, error, 1)[0]))
+                before.append(float(np.mean(error**2)) / inverse.sigma[channel] ** 2)
+        excess = float(np.sqrt(np.mean(before)) - np.sqrt(np.mean(everything[:, c]))) * inverse.sigma[channel]
+        rows = (
+            (float(np.mean(zeros)), _mean_is_zero(zeros), units[channel], scale, "zero is off by {0:.3g} {1}"),
+            (float(np.mean(scales)), _mean_is_zero(scales), "1", 1.0,
+             "reads {2:.3g} times what the measured motion needs"),
+            (excess, paired(np.array(before), everything[:, c]), units[channel], scale,
+             "error {0:.3g} {1} larger than with everything fitted"))
+        for size, p, unit, whole, words in rows:
+            if 3 * len(inverse.channels) * p < SIGNIFICANT and abs(size) > SLIGHT * whole:
+                found.append({"signal": channel, "where": where, "what": words.format(size, unit, 1.0 + size),
+                              "size": size, "unit": unit, "p_value": min(1.0, 3 * len(inverse.channels) * p)})
+    return sorted(found, key=lambda row: row["p_value"])
+
+
+def _mean_is_zero(values: Sequence[float]) -> float:
+    """p-value that blocks scatter about zero (Student's t)."""
+    return float(ttest_1samp(values, 0.0).pvalue) if len(values) > 2 and np.ptp(values) > 0.0 else 1.0
+
+
+def _unknown(inverse: Inverse) -> dict[str, Any]:
+    """Over what the error of the worst channel is no mere noise: speed, acceleration, position or time."""
+    best: tuple[float, dict[str, Any]] = (-np.inf, {})
+    for channel, node in inverse.plant.sections.items():
+        if channel not in inverse.channels:
+            continue
+        error = [missing[channel] for missing in inverse.nominal]
+        for name in ("speed", "acceleration", "position", "time"):
+            over = [inverse.band.thinned(getattr(motion, name), STEP, TRIM) for motion in inverse.motions]
+            share, shape, size = _shape(np.concatenate(over), np.concatenate(error))
+            if share > best[0]:
+                best = share, {"balance": node, "driving_variable": name, "shape": shape, "size": size}
+    return best[1]
+
+
+def _shape(over: np.ndarray, error: np.ndarray, bins: int = 12) -> tuple[float, str, float]:
+    """Share of the error that its mean over a variable predicts of the other half, the shape, its size."""
+    edges = np.quantile(over, np.linspace(0.0, 1.0, bins + 1))
+    place = np.clip(np.searchsorted(edges, over, side="right") - 1, 0, bins - 1)
+    half = np.arange(over.size) * 20 // over.size % 2 == 0
+
+    def means(chosen: np.ndarray) -> np.ndarray:
+        return np.array([error[chosen & (place == b)].mean() if (chosen & (place == b)).any() else 0.0
+                         for b in range(bins)])
+
+    share = 1.0 - float(np.mean((error - means(half)[place])[~half] ** 2) / np.mean(error[~half] ** 2))
+    curve = means(np.full(over.size, True))
+    centres = np.array([np.median(over[place == b]) if (place == b).any() else 0.0 for b in range(bins)])
+    x = centres / max(np.abs(centres).max(), 1e-300)
+    shapes = {"constant": np.ones(bins), "proportional": x, "changes sign with it": np.sign(x), "even": x * x,
+              "cubic": x**3}
+    left = {name: float(np.sum((curve - s * (s @ curve) / (s @ s)) ** 2)) for name, s in shapes.items() if s @ s > 0.0}
+    return share, min(left, key=left.__getitem__), float(np.ptp(curve) if np.ptp(curve) > 0.0 else curve[0])
+
+
+def _traces(torques: Torques, values: Mapping[str, float],
+            skew: Mapping[str, float]) -> dict[tuple[str, str], tuple[np.ndarray, ...]]:
+    """Run and channel to clock, measured as if its samples were not late, before and after."""
+    measured, before, after = torques.measured(skew), torques.needed(torques.plant.values), torques.needed(values)
+    return {(run.name, c): (torques.clock(r), measured[r][c], before[r][c], after[r][c])
+            for r, run in enumerate(torques.runs) for c in torques.channels}
+
+
+def _gain(traces: Mapping[tuple[str, str], tuple[np.ndarray, ...]], inverse: Inverse) -> dict[str, Any]:
+    """Errors before and after over the range of the channel, on recordings that were not used."""
+    rows = []
+    for (run, channel), (_, measured, before, after) in traces.items():
+        span = float(np.ptp(measured))
+        rows.append({"manoeuvre": run, "signal": channel,
+                     "nrmse_before": float(np.sqrt(np.mean((measured - before) ** 2))) / span,
+                     "nrmse_after": float(np.sqrt(np.mean((measured - after) ** 2))) / span,
+                     "noise_floor": inverse.sigma[channel] / span})
+    return {"held_out": rows,
+            "fraction_of_noise_floor": float(np.median([r["nrmse_after"] / r["noise_floor"] for r in rows]))}
+
+
+def _next(inverse: Inverse, tried: Sequence[Supposition], best: Supposition,
+          instead: Sequence[str]) -> dict[str, Any] | None:
+    """What would tell the best set from the closest other: a torque not recorded yet, or another motion."""
+    other = next(s for s in tried if tuple(e for e in s.effects if e not in best.effects) == tuple(instead))
+    pair = [inverse.at(s.point, s.effects)[0] for s in (best, other)]
+    plant, run, measured = inverse.plant, inverse.runs[0], inverse.motions[0]
+    fastest = float(np.abs(measured.speed).max())
+    time = measured.time - measured.time[0]
+    angle = 2.0 * np.pi * (0.2 * time + 0.5 * (5.0 - 0.2) / time[-1] * time**2)
+    speeds = {"bench": measured.speed, "sweep": fastest * np.sin(angle),
+              "coast_down": fastest * (1.0 - 2.0 * time / time[-1])}
+    found = []
+    for kind, speed in speeds.items():
+        motion = replace(measured, speed=speed, acceleration=np.gradient(speed, STEP))
+        a, b = (plant.torques(values, run, motion, every=True) for values in pair)
+        for channel in a:
+            sigma = inverse.sigma.get(channel, SLIGHT * float(np.std(inverse.band.of(a[channel], STEP, TRIM))))
+            apart = float(np.linalg.norm(inverse.band.of(a[channel] - b[channel], STEP, TRIM) / max(sigma, 1e-300)))
+            new = channel not in inverse.channels
+            found.append({"kind": kind, "gear": 0, "separation_sigma": apart,
+                          "why": (f"the two differ in {channel}" + (", which was not recorded" if new else "")
+                                  + ("" if kind == "bench" else f"; {time[-1]:.0f} s up to the speed seen"))})
+    chosen = max(found, key=lambda row: row["separation_sigma"])
+    return chosen if chosen["separation_sigma"] > APART else None

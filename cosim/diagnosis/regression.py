@@ -30,6 +30,12 @@ class Band:
     order: int = 8
     rate: float = 40.0
 
+    @classmethod
+    def sampled(cls, interval: float) -> Band:
+        """The band in which a motion sampled every ``interval`` [s] is known: ten samples a period, 20 Hz at most."""
+        edge = min(20.0, 0.1 / interval)
+        return cls(edge=edge, rate=2.0 * edge)
+
     def of(self, signal: np.ndarray, step: float, trim: float = 0.0) -> np.ndarray:
         """A signal filtered and thinned.
 
@@ -39,9 +45,13 @@ class Band:
             trim: Left out at either end [s], where the filter does not know what was before or comes after.
         """
         sections = cheby1(self.order, self.ripple, self.edge, fs=1.0 / step, output="sos")
+        level = float(np.prod(sections[:, :3].sum(axis=1) / sections[:, 3:].sum(axis=1)))  # an even order sags at rest
+        return self.thinned(sosfiltfilt(sections, signal, axis=-1) / level**2, step, trim)
+
+    def thinned(self, signal: np.ndarray, step: float, trim: float = 0.0) -> np.ndarray:
+        """The samples that are kept, of a signal or a clock as it is."""
         cut = round(trim / step)
-        smooth = sosfiltfilt(sections, signal, axis=-1)
-        return smooth[..., cut:smooth.shape[-1] - cut:max(1, round(1.0 / (self.rate * step)))]
+        return signal[..., cut:signal.shape[-1] - cut:max(1, round(1.0 / (self.rate * step)))]
 
 
 def least_squares(regressors: np.ndarray, target: np.ndarray) -> np.ndarray:
@@ -61,12 +71,14 @@ def block_sums(errors: np.ndarray, blocks: int) -> np.ndarray:
 
 
 def paired(before: np.ndarray, after: np.ndarray) -> float:
-    """p-value that ``after`` is no better than ``before``, block by block (one-sided, Student's t)."""
-    gain = np.asarray(before) - np.asarray(after)
+    """p-value that squared errors ``after`` are no smaller than ``before`` (one-sided, Student's t).
+
+    Of the logarithm of their ratio block by block, so that a lively block counts as much as a quiet one.
+    """
+    gain = np.log(np.maximum(before, 1e-300) / np.maximum(after, 1e-300))
     if gain.size < 3 or not np.std(gain) > 0.0:
         return 1.0
-    score = gain.mean() / (gain.std(ddof=1) / np.sqrt(gain.size))
-    return float(student.sf(score, gain.size - 1))
+    return float(student.sf(gain.mean() / (gain.std(ddof=1) / np.sqrt(gain.size)), gain.size - 1))
 
 
 def dependence(errors: np.ndarray, lags: int = 10) -> float:

@@ -14,7 +14,7 @@ class Bench(RigidPlant):
     plant = BenchPlant
     driver = "motor_torque"
     channels = ("motor_speed", "motor_position", "inline_torque")
-    motions = ("motor_speed", "motor_position")
+    motions = ("motor_position", "motor_speed")
     sections = {"motor_torque": "motor", "inline_torque": "load"}
 
     def _start(self, run: Run, nuisance: Nuisance) -> None:

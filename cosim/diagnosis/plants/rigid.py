@@ -113,13 +113,15 @@ class RigidPlant(InstrumentedPlant):
             position = np.concatenate([[0.0], np.cumsum(0.5 * STEP * (speed[1:] + speed[:-1]))])
         return Motion(time, speed, np.gradient(speed, STEP), position)
 
-    def torques(self, values: Mapping[str, float], run: Run, motion: Motion | None = None) -> dict[str, np.ndarray]:
+    def torques(self, values: Mapping[str, float], run: Run, motion: Motion | None = None,
+                every: bool = False) -> dict[str, np.ndarray]:
         """What the channels of torque or force should read for the run to have moved as it did.
 
         Args:
             values: Parameters of plant and sensors.
             run: Only its motion is used.
-            motion: That motion, if it is at hand.
+            motion: That motion, if it is at hand, or another one.
+            every: Whether also channels that were not recorded are asked for.
 
         Returns:
             Each channel on the even clock of ``motion``: the drive's as estimated, the others as sensors show.
@@ -143,15 +145,16 @@ class RigidPlant(InstrumentedPlant):
             if channel == self.driver:  # an estimate that is early by the delay
                 delay = plant.network.constants[k.DELAY]
                 found[channel] = np.interp(motion.time + delay, motion.time, needed / unit)
-            elif channel in run.clocks:
+            elif every or channel in run.clocks:
                 found[channel] = observe({channel: needed}, motion.time, values, channel, motion.time)
         return found
 
-    def shown(self, run: Run) -> dict[str, np.ndarray]:
-        """What those channels did read, on the same clock."""
+    def shown(self, run: Run) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """What those channels did read: clock [s] and values; the drive's on the clock of the motion."""
+        frames = next(run.clocks[name] for name in self.motions if name in run.clocks)
         time = run.start + STEP * np.arange(len(run.inputs))
-        return {channel: run.inputs[:, self.columns[channel]] if channel == self.driver
-                else np.interp(time, run.clocks[channel], run.measured[channel])
+        drive = np.interp(frames, time, run.inputs[:, self.columns[self.driver]])
+        return {channel: (frames, drive) if channel == self.driver else (run.clocks[channel], run.measured[channel])
                 for channel in self.sections if channel == self.driver or channel in run.clocks}
 
     def instruments(self, raw: Mapping[str, np.ndarray], values: Mapping[str, float], run: Run) -> np.ndarray:
