@@ -12,8 +12,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import combinations
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -35,6 +36,8 @@ RARE = 0.05  # share of benches on which an effect is there, before any is looke
 MOST = 4  # effects at once
 APART = 3.0  # sigma: causes that are closer cannot be told apart
 LISTED = 0.02  # less probable causes are not listed
+STRUCTURE = 0.2  # share of what is left that goes with one variable, from which on it is no noise
+RIVALS = 4  # other explanations that are listed
 _FRAMES = " frames"
 
 
@@ -68,14 +71,23 @@ class Direction:
         return self.parameter.limits[0] <= self.parameter.neutral + x <= self.parameter.limits[1]
 
 
-@dataclass
-class Rows:
-    """One run, linearised: whitened residuals and derivatives, and the block each row is in."""
+@dataclass(frozen=True)
+class Block:
+    """The rows of one block of time, whitened: what is missing, how it falls with each direction, whose it is."""
 
-    residual: np.ndarray
+    missing: np.ndarray
     slopes: np.ndarray
-    block: np.ndarray
     channel: np.ndarray
+
+    @cached_property
+    def square(self) -> np.ndarray:
+        """Normal matrix."""
+        return self.slopes.T @ self.slopes
+
+    @cached_property
+    def product(self) -> np.ndarray:
+        """Right side of the normal equations."""
+        return self.slopes.T @ self.missing
 
 
 @dataclass(frozen=True)
@@ -194,7 +206,6 @@ class Inverse(Torques):
                                                tolerance=min(direction.tolerance, SLIGHT / reach))
                                        if direction.effect else direction)
                 slopes.append(found)
-        self.rows: list[Rows] = []
         self.sigma = dict(self.scale)
         self._settle(np.zeros(len(self.directions)), self.nominal, slopes)
 
@@ -256,22 +267,33 @@ class Inverse(Torques):
         """Rows, whitened by what is left when everything may be wrong."""
         everything = np.array([d.spread for d in self.directions])
         for _ in range(3):
-            self.rows, first = [], 0
+            self.blocks: list[list[Block]] = []  # of every run
             for r, left in enumerate(missing):
                 j = [np.column_stack([s[r][c] for s in slopes]) / self.sigma[c] for c in self.channels]
                 y = [left[c] / self.sigma[c] + own @ point for c, own in zip(self.channels, j)]
-                length = y[0].size
-                count = max(1, round(length / (BLOCK * self.band.rate)))
-                block = first + np.minimum(np.arange(length) * count // length, count - 1)
-                first += count
-                self.rows.append(Rows(np.concatenate(y), np.vstack(j), np.tile(block, len(self.channels)),
-                                      np.repeat(np.arange(len(self.channels)), length)))
-            best = _solved(self.rows, everything)[0]
-            left = np.concatenate([r.residual - r.slopes @ best for r in self.rows])
-            channel = np.concatenate([r.channel for r in self.rows])
+                count = max(1, round(y[0].size / (BLOCK * self.band.rate)))
+                channel = np.arange(len(self.channels))
+                self.blocks.append([
+                    Block(np.concatenate(ys), np.vstack(js), np.repeat(channel, [y.size for y in ys]))
+                    for ys, js in zip(zip(*(np.array_split(own, count) for own in y)),
+                                      zip(*(np.array_split(own, count) for own in j)))])
+            every = [b for run in self.blocks for b in run]
+            self._square = np.sum([b.square for b in every], axis=0)
+            self._product = np.sum([b.product for b in every], axis=0)
+            self._length = float(sum(b.missing @ b.missing for b in every))
+            best = self._solved(everything)[0]
             for i, c in enumerate(self.channels):
-                own = left[channel == i]
+                own = np.concatenate([(b.missing - b.slopes @ best)[b.channel == i] for b in every])
                 self.sigma[c] *= float(np.sqrt(np.mean(own**2) * dependence(own)))
+
+    def _solved(self, spread: np.ndarray) -> tuple[np.ndarray, np.ndarray, float, float]:
+        """Maximum, covariance, log evidence (up to what all share) and squared error there."""
+        factor = cho_factor(np.eye(spread.size) + spread[:, None] * self._square * spread, lower=True)
+        covariance = spread[:, None] * cho_solve(factor, np.eye(spread.size)) * spread
+        point = covariance @ self._product
+        explained = float(self._product @ point)
+        log_evidence = -0.5 * (self._length - explained) - float(np.sum(np.log(np.diag(factor[0]))))
+        return point, covariance, log_evidence, self._length - 2.0 * explained + float(point @ self._square @ point)
 
     def spread(self, effects: Iterable[str]) -> np.ndarray:
         """Standard deviation of every direction where ``effects`` are the causes."""
@@ -281,7 +303,7 @@ class Inverse(Torques):
     def supposed(self, effects: Iterable[str]) -> Supposition:
         """A set of effects fitted; its evidence is nothing where a value would have to be absurd."""
         effects = tuple(sorted(effects))
-        point, covariance, log_evidence, misfit = _solved(self.rows, self.spread(effects))
+        point, covariance, log_evidence, misfit = self._solved(self.spread(effects))
         for d, x in zip(self.directions, point):
             if d.effect in effects and not d.plausible(float(x)):
                 log_evidence = -np.inf
@@ -290,7 +312,7 @@ class Inverse(Torques):
 
     def search(self) -> list[Supposition]:
         """All sets of up to two effects, and larger ones that grow from the best, most evident first."""
-        names = sorted({d.effect for d in self.directions if d.effect})
+        names = self.names
         tried = {s: self.supposed(s) for n in range(3) for s in combinations(names, n)}
         for size in range(3, MOST + 1):
             roots = sorted((s for s in tried if len(s) == size - 1), key=lambda s: -tried[s].log_evidence)[:5]
@@ -298,70 +320,60 @@ class Inverse(Torques):
                 tried[s] = self.supposed(s)
         return sorted(tried.values(), key=lambda s: -s.log_evidence)
 
-    def predicted_errors(self, effects: Iterable[str], without: str | None = None) -> np.ndarray:
+    def predicted_errors(self, effects: Iterable[str], exact: Iterable[str] = ()) -> np.ndarray:
         """Mean squared whitened error of every block and channel (blocks x channels), predicted from all others.
 
         Args:
             effects: The causes; the rest is within tolerance.
-            without: An effect that is exactly as the file says.
+            exact: Effects that are exactly as the file says.
         """
-        spread = self.spread(effects) * np.array([d.effect != without for d in self.directions])
-        square, product, by_block = _sums(self.rows, spread.size)
-        found = np.zeros((len(by_block), len(self.channels)))
-        for b, block in enumerate(by_block):
-            point = spread * np.linalg.solve(np.eye(spread.size) + spread[:, None] * (square - block.square) * spread,
-                                             spread * (product - block.product))
-            error = (block.residual - block.slopes @ point) ** 2
-            found[b] = [error[block.channel == c].mean() for c in range(len(self.channels))]
+        exact = set(exact)
+        spread = self.spread(effects) * np.array([d.effect not in exact for d in self.directions])
+        blocks = [b for run in self.blocks for b in run]
+        found = np.zeros((len(blocks), len(self.channels)))
+        for i, b in enumerate(blocks):
+            matrix = np.eye(spread.size) + spread[:, None] * (self._square - b.square) * spread
+            point = spread * np.linalg.solve(matrix, spread * (self._product - b.product))
+            error = (b.missing - b.slopes @ point) ** 2
+            found[i] = [error[b.channel == c].mean() for c in range(len(self.channels))]
         return found
 
     def significance(self, best: Sequence[str]) -> dict[str, float]:
-        """For every effect of a set: p-value that blocks are predicted no better with it than without."""
-        tried = len({d.effect for d in self.directions if d.effect})
-        with_all = self.predicted_errors(best).sum(axis=1)
-        return {e: min(1.0, tried * paired(self.predicted_errors(best, without=e).sum(axis=1), with_all))
-                for e in best}
+        """For every effect of a set: p-value that blocks are predicted no better with it than without.
+
+        Without it, what else is within tolerance may take its place; so it is also tried with all that exactly as
+        the file says, and what shows it more clearly counts.
+        """
+        tried = 2 * len(self.names)
+        others = [e for e in self.names if e not in best]
+        found = {}
+        for e in best:
+            doubts = [paired(self.predicted_errors(best, [*rest, e]).sum(axis=1),
+                             self.predicted_errors(best, rest).sum(axis=1)) for rest in ([], others)]
+            found[e] = min(1.0, tried * min(doubts))
+        return found
+
+    @property
+    def names(self) -> list[str]:
+        """The effects that move anything here."""
+        return sorted({d.effect for d in self.directions if d.effect})
+
+    def missing_within(self, effects: Iterable[str] | None) -> list[dict[str, np.ndarray]]:
+        """What every run misses of the torques; only the lateness of samples and these effects are fitted.
+
+        With None, everything is.
+        """
+        chosen = set(self.names if effects is None else effects) | {""}
+        point = self._solved(self.spread(chosen) * np.array([d.effect in chosen for d in self.directions]))[0]
+        return [{c: np.concatenate([(b.missing - b.slopes @ point)[b.channel == i] for b in run]) * self.sigma[c]
+                 for i, c in enumerate(self.channels)} for run in self.blocks]
 
     def deviations(self, supposition: Supposition) -> np.ndarray:
         """Standard deviation of every direction: by the noise's scale, or what blocks disagree by if that is more."""
-        scores = np.array([b.slopes.T @ (b.residual - b.slopes @ supposition.point)
-                           for b in _sums(self.rows, len(self.directions))[2]])
+        scores = np.array([b.product - b.square @ supposition.point for run in self.blocks for b in run])
         robust = supposition.covariance @ (scores.T @ scores) @ supposition.covariance
         robust *= len(scores) / max(len(scores) - 1, 1)
         return np.sqrt(np.maximum(np.diag(robust), np.diag(supposition.covariance)))
-
-
-class Block(NamedTuple):
-    """The rows of one block of time, and their normal equations."""
-
-    square: np.ndarray
-    product: np.ndarray
-    residual: np.ndarray
-    slopes: np.ndarray
-    channel: np.ndarray
-
-
-def _sums(rows: Sequence[Rows], size: int) -> tuple[np.ndarray, np.ndarray, list[Block]]:
-    """Normal matrix and right side, altogether and of every block."""
-    blocks = []
-    for r in rows:
-        for b in np.unique(r.block):
-            j, y, c = r.slopes[r.block == b], r.residual[r.block == b], r.channel[r.block == b]
-            blocks.append(Block(j.T @ j, j.T @ y, y, j, c))
-    return (sum((b.square for b in blocks), np.zeros((size, size))),
-            sum((b.product for b in blocks), np.zeros(size)), blocks)
-
-
-def _solved(rows: Sequence[Rows], spread: np.ndarray) -> tuple[np.ndarray, np.ndarray, float, float]:
-    """Maximum, covariance, log evidence (up to what all share) and squared error there."""
-    square, product, _ = _sums(rows, spread.size)
-    factor = cho_factor(np.eye(spread.size) + spread[:, None] * square * spread, lower=True)
-    covariance = spread[:, None] * cho_solve(factor, np.eye(spread.size)) * spread
-    point = covariance @ product
-    length = sum(float(r.residual @ r.residual) for r in rows)
-    log_evidence = -0.5 * (length - float(product @ point)) - float(np.sum(np.log(np.diag(factor[0]))))
-    misfit = length - 2.0 * float(product @ point) + float(point @ square @ point)
-    return point, covariance, log_evidence, misfit
 
 
 def diagnose_inverse(plant: RigidPlant, runs: Sequence[Run], reserved: Sequence[Run] = (),
@@ -386,14 +398,19 @@ def diagnose_inverse(plant: RigidPlant, runs: Sequence[Run], reserved: Sequence[
     shares = {name: 0.0 for name in inverse.effects} | _shares(tried)
     rivals = _rivals(tried, best)
     close = [rival for rival in rivals if rival["separation_sigma"] < APART]
-    verdict = ("ambiguous" if close else "cause") if best.effects else "unknown" if listed else "none"
+    share, unknown = _unknown(inverse)
+    strange = share > STRUCTURE
+    verdict = (("ambiguous" if close else "cause") if best.effects else "unknown" if listed or strange else "none")
     after, skew = inverse.at(best.point, best.effects)
     finding = {
         "verdict": verdict, "wrong": listed, "causes": _causes(inverse, tried, best, shares),
         "ambiguous_with": close, "ruled_out": [r for r in rivals if r["separation_sigma"] >= APART],
         "next_manoeuvre": _next(inverse, tried, best, close[0]["effects"]) if close else None,
-        "unknown": _unknown(inverse) if verdict == "unknown" else None, "gain": None}
+        "unknown": unknown if verdict == "unknown" else None, "gain": None}
     notices = []
+    if strange:
+        notices.append(f"no effect explains {100.0 * share:.0f} % of what is left at the {unknown['balance']}: it goes "
+                       f"with the {unknown['driving_variable']}, {unknown['size']:.3g} from end to end")
     for c in inverse.channels:
         late = skew[c] + skew[c + _FRAMES] * inverse.interval
         if abs(late) > SKEW:
@@ -451,43 +468,40 @@ def _causes(inverse: Inverse, tried: Sequence[Supposition], best: Supposition,
 
 
 def _rivals(tried: Sequence[Supposition], best: Supposition) -> list[dict[str, Any]]:
-    """For every effect of the best set, what would have to stand in its place, closest first."""
+    """What else might stand where one or more of the best set's effects do, closest first."""
     found: dict[tuple[str, ...], float] = {}
-    for effect in best.effects:
-        for other in tried:
-            instead = tuple(e for e in other.effects if e not in best.effects)
-            if effect not in other.effects and instead and np.isfinite(other.log_evidence):
-                distance = float(np.sqrt(2.0 * max(best.log_evidence - other.log_evidence, 0.0)))
-                found[instead] = min(found.get(instead, np.inf), distance)
-                break
+    for other in tried:
+        instead = tuple(e for e in other.effects if e not in best.effects)
+        replaced = set(best.effects) - set(other.effects)
+        if replaced and instead and np.isfinite(other.log_evidence) and not any(
+                set(known) <= set(instead) for known in found):
+            found[instead] = float(np.sqrt(2.0 * max(best.log_evidence - other.log_evidence, 0.0)))
     return [{"effects": list(instead), "separation_sigma": distance}
-            for instead, distance in sorted(found.items(), key=lambda item: item[1])]
+            for instead, distance in sorted(found.items(), key=lambda item: item[1])][:RIVALS]
 
 
 def _wrong(inverse: Inverse) -> list[dict[str, Any]]:
     """What the vehicle file gets wrong of each channel: its zero, its size, its course."""
     units = {v.name: v.unit for v in (*inverse.plant.plant.inputs, *inverse.plant.plant.output_variables)}
     where = f"{', '.join(dict.fromkeys(run.name for run in inverse.runs))}"
-    everything, nominal = inverse.predicted_errors(inverse.effects), inverse.needed(inverse.plant.values)
+    healthy, everything = inverse.predicted_errors(()), inverse.predicted_errors(inverse.effects)
+    nominal, missing = inverse.needed(inverse.plant.values), inverse.missing_within(())
     found = []
     for c, channel in enumerate(inverse.channels):
-        zeros, scales, before, scale = [], [], [], inverse.scale[channel]
-        for r, rows in enumerate(inverse.rows):
-            inside = rows.block[rows.channel == c]
-            for b in np.unique(inside):
-                error, needed = inverse.nominal[r][channel][inside == b], nominal[r][channel][inside == b]
-                zeros.append(float(np.mean(error)))
-                scales.append(float(np.polyfit(needed, error, 1)[0]))
-                before.append(float(np.mean(error**2)) / inverse.sigma[channel] ** 2)
-        excess = float(np.sqrt(np.mean(before)) - np.sqrt(np.mean(everything[:, c]))) * inverse.sigma[channel]
+        zeros, scales, scale, sigma = [], [], inverse.scale[channel], inverse.sigma[channel]
+        for error, needed, blocks in zip(missing, nominal, inverse.blocks):
+            for e, n in zip(np.array_split(error[channel], len(blocks)), np.array_split(needed[channel], len(blocks))):
+                zeros.append(float(np.mean(e)))
+                scales.append(float(np.polyfit(n, e, 1)[0]))
+        excess = float(np.sqrt(np.mean(healthy[:, c])) - np.sqrt(np.mean(everything[:, c]))) * sigma
         rows = (
-            (float(np.mean(zeros)), _mean_is_zero(zeros), units[channel], scale, "zero is off by {0:.3g} {1}"),
-            (float(np.mean(scales)), _mean_is_zero(scales), "1", 1.0,
+            (float(np.mean(zeros)), _mean_is_zero(zeros), units[channel], SLIGHT * scale, "zero is off by {0:.3g} {1}"),
+            (float(np.mean(scales)), _mean_is_zero(scales), "1", SLIGHT,
              "reads {2:.3g} times what the measured motion needs"),
-            (excess, paired(np.array(before), everything[:, c]), units[channel], scale,
-             "error {0:.3g} {1} larger than with everything fitted"))
-        for size, p, unit, whole, words in rows:
-            if 3 * len(inverse.channels) * p < SIGNIFICANT and abs(size) > SLIGHT * whole:
+            (excess, paired(healthy[:, c], everything[:, c]), units[channel], SLIGHT * sigma,
+             "error {0:.3g} {1} larger than it would have to be"))
+        for size, p, unit, slight, words in rows:
+            if 3 * len(inverse.channels) * p < SIGNIFICANT and abs(size) > slight:
                 found.append({"signal": channel, "where": where, "what": words.format(size, unit, 1.0 + size),
                               "size": size, "unit": unit, "p_value": min(1.0, 3 * len(inverse.channels) * p)})
     return sorted(found, key=lambda row: row["p_value"])
@@ -498,19 +512,21 @@ def _mean_is_zero(values: Sequence[float]) -> float:
     return float(ttest_1samp(values, 0.0).pvalue) if len(values) > 2 and np.ptp(values) > 0.0 else 1.0
 
 
-def _unknown(inverse: Inverse) -> dict[str, Any]:
-    """Over what the error of the worst channel is no mere noise: speed, acceleration, position or time."""
-    best: tuple[float, dict[str, Any]] = (-np.inf, {})
+def _unknown(inverse: Inverse) -> tuple[float, dict[str, Any]]:
+    """What no effect explains: share of the noise that it is, and over what it shows best, and how.
+
+    Searched in what is left when every effect may be there as it likes.
+    """
+    missing, found = inverse.missing_within(None), []
     for channel, node in inverse.plant.sections.items():
-        if channel not in inverse.channels:
-            continue
-        error = [missing[channel] for missing in inverse.nominal]
-        for name in ("speed", "acceleration", "position", "time"):
-            over = [inverse.band.thinned(getattr(motion, name), STEP, TRIM) for motion in inverse.motions]
-            share, shape, size = _shape(np.concatenate(over), np.concatenate(error))
-            if share > best[0]:
-                best = share, {"balance": node, "driving_variable": name, "shape": shape, "size": size}
-    return best[1]
+        if channel in inverse.channels:
+            error = np.concatenate([m[channel] for m in missing])
+            for name in ("speed", "acceleration", "position", "time"):
+                over = np.concatenate([inverse.band.thinned(getattr(motion, name), STEP, TRIM)
+                                       for motion in inverse.motions])
+                share, shape, size = _shape(over, error)
+                found.append((share, {"balance": node, "driving_variable": name, "shape": shape, "size": size}))
+    return max(found, key=lambda pair: pair[0])
 
 
 def _shape(over: np.ndarray, error: np.ndarray, bins: int = 12) -> tuple[float, str, float]:

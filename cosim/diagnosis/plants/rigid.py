@@ -13,7 +13,7 @@ every effect that changes a value changes the torque.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -29,6 +29,7 @@ from driveline.quantities import InputError
 
 LONGEST = 10.0  # s: stretches into which a recording is cut
 _SMOOTH = 100.0  # Hz: a position is smoothed up to here before it is differentiated
+_GRID = 129  # speeds at which friction is asked for, either way
 
 
 @dataclass(frozen=True)
@@ -105,8 +106,7 @@ class RigidPlant(InstrumentedPlant):
         shown = np.interp(time + errors.delay, run.clocks[name], run.measured[name])
         shown = (shown - errors.offset) / errors.gain
         if name.endswith("position"):
-            smooth = butter(4, min(_SMOOTH, 0.2 / STEP), fs=1.0 / STEP, output="sos")
-            position = sosfiltfilt(smooth, shown) if _SMOOTH * STEP < 0.5 else shown
+            position = sosfiltfilt(butter(4, _SMOOTH, fs=1.0 / STEP, output="sos"), shown)
             speed = np.gradient(position, STEP)
         else:
             speed = shown
@@ -132,10 +132,9 @@ class RigidPlant(InstrumentedPlant):
             plant.values[plant.index[name]] = values[name]
         plant[self.driver] = 0.0
         plant.initialize()
-        inertia = plant.inertias[:, None]
-        behind = inertia * (motion.acceleration - plant.coasting(motion.speed))
+        inertia, still = plant.inertias[:, None], np.zeros(1)
+        behind = inertia * (motion.acceleration - _of_speed(plant.coasting, motion.speed))
         plant[self.driver] = 1.0
-        still = np.zeros(1)
         driven = plant.coasting(still)
         plant[self.driver] = 0.0
         unit = float((inertia * (driven - plant.coasting(still))).sum())  # torque for one unit of the estimate
@@ -162,3 +161,11 @@ class RigidPlant(InstrumentedPlant):
         zero = {name: raw[name] + run.measured[name][0] if name.endswith("position") else raw[name]
                 for name in run.clocks}
         return super().instruments(zero, values, run)
+
+
+def _of_speed(law: Callable[[np.ndarray], np.ndarray], speed: np.ndarray) -> np.ndarray:
+    """Columns of a law of the speed alone that may jump where the speed changes its sign; fine between."""
+    grid = np.linspace(0.0, max(float(np.abs(speed).max()), 1e-9), _GRID)
+    forward, backward = law(grid), law(np.minimum(-grid, -1e-12))
+    return np.stack([np.where(speed < 0.0, np.interp(-speed, grid, back), np.interp(speed, grid, ahead))
+                     for ahead, back in zip(forward, backward)])
