@@ -19,6 +19,7 @@ log = logging.getLogger("cosim")
 SETTLE = 0.3  # what is not compared after the start [s]: the plant starts rolling steadily, the car need not
 LONGEST = 15.0  # a longer recording is cut [s]: start speed and grade are constant within a run
 RUNS = 6  # at most so many stretches of one long recording
+LOCKED = 8.0  # rad/s: a lock-up clutch that is closed slips less, by its control, through a step of torque too
 
 
 class FullOrderCar(InstrumentedPlant):
@@ -75,9 +76,10 @@ class FullOrderCar(InstrumentedPlant):
         for begin, end in zip(edges, edges[1:]):
             # what a shift shakes up rings down first; the clutches of the next shift begin before its flag
             begin, end = begin + 0.8 * (begin != start), end - 0.3 * (end != stop)
-            count = max(1, int(np.ceil((end - begin) / LONGEST)))
-            bounds = np.linspace(begin, end, count + 1)
-            spans += [(float(a), float(b)) for a, b in zip(bounds, bounds[1:]) if b - a >= 2.0]
+            for first, last in _coupled(manoeuvre, begin, end):
+                count = max(1, int(np.ceil((last - first) / LONGEST)))
+                bounds = np.linspace(first, last, count + 1)
+                spans += [(float(a), float(b)) for a, b in zip(bounds, bounds[1:]) if b - a >= 2.0]
         return spans
 
     def _run(self, manoeuvre: Manoeuvre, present: Sequence[str], name: str, start: float,
@@ -128,3 +130,23 @@ class FullOrderCar(InstrumentedPlant):
                 slope, level = np.polyfit(channel.time[first] - start, channel.values[first], 1)
                 return float(level * factor)
         return 0.0
+
+
+def _coupled(manoeuvre: Manoeuvre, begin: float, end: float) -> list[tuple[float, float]]:
+    """Parts of a drive with the lock-up clutch closed and the brakes released, as far as that was recorded.
+
+    Of a drive nobody knows what the converter was told, and what a brake pedal does to undriven wheels is no
+    business of the driveline. All other manoeuvres are taken whole: a clutch that slips there is a finding.
+    """
+    if manoeuvre.kind != "drive":
+        return [(begin, end)]
+    times = np.arange(begin, end, 0.02)
+    good = np.ones(times.size, dtype=bool)
+    if "engine_speed" in manoeuvre and "turbine_speed" in manoeuvre:
+        good &= np.abs(manoeuvre["engine_speed"].at(times) - manoeuvre["turbine_speed"].at(times)) < LOCKED
+    if "brake_torque" in manoeuvre:
+        good &= manoeuvre["brake_torque"].at(times) < 1.0
+    change = np.flatnonzero(np.diff(good.astype(int), prepend=0, append=0))
+    # the last half a second of an opening clutch and the first of a closed one are neither
+    return [(float(times[a]) + 0.5 * (a > 0), float(times[b - 1]) - 0.5 * (b < times.size))
+            for a, b in zip(change[::2], change[1::2])]
