@@ -62,6 +62,7 @@ class Feature:
 FEATURES = {f.name: f for f in (
     Feature("shuffle frequency", "Hz", relative=True, log=True),
     Feature("lag", "s"),
+    Feature("lag behind the others", "s"),
     Feature("reversal dead time", "s", relative=True),
     Feature("speed ratio", "1", relative=True, tolerance=1e-3),
     Feature("firing order content", "~", one_sided=True),
@@ -175,8 +176,7 @@ class Reader:
                 found[(name, "shuffle frequency")], found[(name, "shuffle damping")] = self._shuffle(values)
             found[(name, "lag")], found[(name, "amplitude")], _ = self._shift(name, values)
             if name in _TORQUES:
-                found[(name, "gain")] = gain = _slope(reference[name], values)
-                found[(name, "zero offset")] = float(np.mean(values) - gain * np.mean(reference[name]))
+                found[(name, "gain")], found[(name, "zero offset")] = _line(reference[name], values)
             elif not name.endswith("speed"):  # where a speed starts is fitted, so that its level says nothing
                 found[(name, "level")] = float(np.mean(values))
             error = values - reference[name]
@@ -187,6 +187,12 @@ class Reader:
                 found[(name, "reversal dead time")] = self._dead_time(channels[name], reference[name])
                 found[(name, "overshoot")] = self._overshoot(channels[name])
                 found[(name, "loop area")] = loop_area(self.drive, channels[name]) if self._returns else None
+        # what moves all of them in time, a torque that wanders, does not move one against the others
+        lags = {name: lag for name in channels if name in _RINGING and (lag := found[(name, "lag")]) is not None}
+        for name in channels:
+            others = [lag for other, lag in lags.items() if other != name]
+            if len(others) > 1 and found[(name, "lag")] is not None:
+                found[(name, "lag behind the others")] = found[(name, "lag")] - float(np.median(others))
         gains = next((name for name in _SPEEDS if name in channels), None)
         if gains is not None:  # that of all others is this one times a ratio
             found[(gains, "drift")] = _slope(self.grid, channels[gains])
@@ -315,6 +321,14 @@ def _ratio(over: np.ndarray, under: np.ndarray) -> float:
     return float(np.linalg.lstsq(design, over[inner], rcond=None)[0][0])
 
 
+def _line(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
+    """Factor and offset from x to y; that y is late does not change them."""
+    inner = slice(_EDGE, -_EDGE)
+    design = np.column_stack([x, np.ones(x.size), _changes(x)])[inner]
+    factor, offset, _ = np.linalg.lstsq(design, y[inner], rcond=None)[0]
+    return float(factor), float(offset)
+
+
 def _slope(x: np.ndarray, y: np.ndarray) -> float:
     centred = x - x.mean()
     return float(centred @ y / (centred @ centred))
@@ -340,6 +354,8 @@ def words(signal: str, feature: str, measured: float, simulated: float) -> str:
     size = simulated - measured
     if feature == "lag":
         return f"measured {abs(size) * 1e3:.0f} ms {'later' if size < 0.0 else 'earlier'} than simulated"
+    if feature == "lag behind the others":
+        return f"measured {abs(size) * 1e3:.1f} ms {'later' if size < 0.0 else 'earlier'} than the other channels"
     if feature == "waveform":
         return f"waveform off by {measured:.3g}{unit} rms, {measured / simulated:.1f} times a healthy car's"
     if kind.one_sided:
@@ -347,4 +363,6 @@ def words(signal: str, feature: str, measured: float, simulated: float) -> str:
     side = "high" if size > 0.0 else "low"
     if kind.relative and abs(size) < abs(measured):
         return f"{feature} {100.0 * abs(size / measured):.2g} % {side}"
+    if kind.relative and simulated > measured > 0.0:
+        return f"{feature} {simulated / measured:.2g} times as large as measured"
     return f"{feature} {abs(size):.3g}{unit} {side}"

@@ -21,7 +21,10 @@ from cosim.diagnosis.plants import Run
 
 SIGNIFICANT = 0.01  # after correction for the number of features looked at
 _REPEATED = 0.05  # repeats that differ by more than healthy draws do, this significantly, set the scale
+_OF_A_SHIFT = ("lag", "lag behind the others", "amplitude")
 _SHARE = 0.8  # of the misfit that a shift or a scale must explain to be called one
+_OF_THE_SHAPE = ("shuffle frequency", "shuffle damping", "speed ratio")  # where they are wrong, channels shift apart
+_USUAL = 1.5  # times a healthy car's: a misfit that leaves room for nothing but the shift
 _MISSING = 0.2  # of the draws in which a feature may be absent
 _BLOCK, _BOOTSTRAP = 0.3, 16  # s; resampled noise
 _LAGS = 20  # of the test for whiteness
@@ -129,8 +132,9 @@ def wrong(runs: Sequence[Run], nominal: Sequence[np.ndarray],
         if corrected > SIGNIFICANT:
             break
         surest.setdefault(key, corrected)
+    odd = any(feature in _OF_THE_SHAPE for _, feature in surest)
     return _ordered([_wrong(rows[key], p, readers, nominal, scatter) for key, p in surest.items()
-                     if _is_one(rows[key], readers, healthy)])
+                     if _is_one(rows[key], readers, healthy, odd)])
 
 
 def _rows(r: int, reader: Reader, nominal: np.ndarray, healthy: Sequence[np.ndarray]) -> list[_Row]:
@@ -204,10 +208,12 @@ def _student(score: float, drawn: np.ndarray, one_sided: bool) -> float:
     return float(t.sf(score, degrees)) if one_sided else 2.0 * float(t.sf(abs(score), degrees))
 
 
-def _is_one(rows: Sequence[_Row], readers: Sequence[Reader], healthy: Sequence[Sequence[np.ndarray]]) -> bool:
-    """Whether a lag is a lag: shifting and scaling the simulation takes most of what is wrong away."""
+def _is_one(rows: Sequence[_Row], readers: Sequence[Reader], healthy: Sequence[Sequence[np.ndarray]],
+            odd: bool) -> bool:
+    """Whether a lag is a lag: shifting and scaling the simulation takes most of what is wrong away, or, unless
+    the shape is ``odd``, there is little else that is."""
     signal, feature = rows[0].key
-    if feature not in ("lag", "amplitude"):
+    if feature not in _OF_A_SHIFT or feature == "lag behind the others" and not odd:
         return True
     before, after, usual = 0.0, 0.0, 0.0
     for row in rows:
@@ -215,7 +221,7 @@ def _is_one(rows: Sequence[_Row], readers: Sequence[Reader], healthy: Sequence[S
         unit = float(np.median([reader.shifted_share(signal, stacked)[0] for stacked in healthy[row.run]]))
         now, then = reader.shifted_share(signal, reader.run.stacked)
         before, after, usual = before + now / unit, after + then / unit, usual + 1.0
-    return before - after > _SHARE * max(before - usual, 0.1 * before)
+    return before < _USUAL * usual and not odd or before - after > _SHARE * max(before - usual, 0.1 * before)
 
 
 def _wrong(rows: Sequence[_Row], p: float, readers: Sequence[Reader], nominal: Sequence[np.ndarray],
@@ -247,9 +253,11 @@ def _wrong(rows: Sequence[_Row], p: float, readers: Sequence[Reader], nominal: S
 
 def _ordered(listed: Sequence[Wrong]) -> list[Wrong]:
     """The surest of each feature first, features in the order an engineer asks for them where equally sure;
-    waveforms last, and only where nothing else tells what is wrong with that signal."""
+    a lag once; waveforms last, and only where nothing else tells what is wrong with that signal."""
     named = {entry.signal for entry in listed if entry.feature != "waveform"}
-    listed = [entry for entry in listed if entry.feature != "waveform" or entry.signal not in named]
+    late = {entry.signal for entry in listed if entry.feature == "lag"}
+    listed = [entry for entry in listed if not (entry.feature == "waveform" and entry.signal in named
+                                                or entry.feature == "lag behind the others" and entry.signal in late)]
     place = {name: i for i, name in enumerate(FEATURES)}
     listed = sorted(listed, key=lambda entry: (entry.p_value, place[entry.feature]))
     seen: dict[str, int] = defaultdict(int)

@@ -185,10 +185,11 @@ def _window(entry: Mapping[str, Any], clock: np.ndarray, measured: np.ndarray, b
         return start, stop
     if feature in WITH_RINGING:
         return max(start, entry["begin"] - 0.7), min(stop, entry["end"] + 0.3)
-    length = 1.6 if feature in ("lag", "reversal dead time") else 2.6
+    late = feature in ("lag", "lag behind the others")
+    length = 1.6 if late or feature == "reversal dead time" else 2.6
     if stop - start <= length:
         return start, stop
-    liveliness = np.abs(np.gradient(before, clock)) if feature == "lag" else np.abs(measured - before)
+    liveliness = np.abs(np.gradient(before, clock)) if late else np.abs(measured - before)
     even = np.linspace(start, stop, 400)
     smooth = np.convolve(np.interp(even, clock, liveliness), np.ones(41), "same")
     middle = float(np.clip(even[int(np.argmax(smooth))], start + 0.5 * length, stop - 0.5 * length))

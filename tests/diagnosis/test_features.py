@@ -86,6 +86,23 @@ def test_a_shifted_and_scaled_signal_has_that_lag_and_amplitude(lag, gain):
     assert after < 0.05 * before or abs(lag) < 0.005 and gain == 1.0
 
 
+def test_one_channel_is_late_behind_the_others_whatever_moves_all_of_them():
+    """All 12 ms late, as the torque was, and one sensor 4 ms more."""
+    base = smooth(5.0)
+
+    def run(common, own):
+        def late(lag):
+            return lambda time: base(time - lag)
+
+        return recorded(step, engine_speed=late(common), turbine_speed=late(common),
+                        propeller_shaft_torque=late(common + own), seat_acceleration=late(common))
+
+    found = read(run(0.012, 0.004), run(0.0, 0.0))
+    assert found[("engine_speed", "lag")] == pytest.approx(0.012, abs=5e-4)
+    assert found[("propeller_shaft_torque", "lag behind the others")] == pytest.approx(0.004, abs=5e-4)
+    assert found[("engine_speed", "lag behind the others")] == pytest.approx(0.0, abs=5e-4)
+
+
 def test_another_frequency_is_no_shift():
     run, reference = (recorded(step, wheel_speed=smooth(f)) for f in (5.0, 5.6))
     before, after = Reader(run, reference.stacked).shifted_share("wheel_speed", run.stacked)
@@ -191,6 +208,8 @@ def test_words_tell_side_and_size():
     assert words(torque, "zero offset", 10.0, 0.0) == "zero offset 10 N.m low"
     assert words("wheel_speed", "lag", 0.03, 0.0) == "measured 30 ms later than simulated"
     assert words("wheel_speed", "lag", -0.002, 0.0) == "measured 2 ms earlier than simulated"
+    assert words(torque, "lag behind the others", 0.0042, 0.0) == "measured 4.2 ms later than the other channels"
+    assert words(torque, "overshoot", 10.0, 35.0) == "overshoot 3.5 times as large as measured"
     assert words(torque, "waveform", 12.0, 3.0) == "waveform off by 12 N.m rms, 4.0 times a healthy car's"
     assert unit_of("wheel_speed", "drift") == "rad/s/s"
     assert unit_of("engine_speed over turbine_speed", "speed ratio") == "1"
