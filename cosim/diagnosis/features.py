@@ -357,7 +357,8 @@ def words(signal: str, feature: str, measured: float, simulated: float) -> str:
     if feature == "lag behind the others":
         return f"measured {abs(size) * 1e3:.1f} ms {'later' if size < 0.0 else 'earlier'} than the other channels"
     if feature == "waveform":
-        return f"waveform off by {measured:.3g}{unit} rms, {measured / simulated:.1f} times a healthy car's"
+        times = f"{measured / simulated:.1f} times what tolerance and noise explain"
+        return f"waveform off by {measured:.3g}{unit} rms, {times}"
     if kind.one_sided:
         return f"{feature} of {measured:.3g}{unit} that the simulation does not have"
     side = "high" if size > 0.0 else "low"

@@ -27,7 +27,9 @@ _SENSORS = {"engine_speed": "engine", "turbine_speed": "transmission", "vehicle_
 _HEADS = {"cause": "Cause found", "ambiguous": "Several causes possible", "unknown": "Unknown cause",
           "none": "Nothing wrong"}
 _SAME, _CLOSE = 2.0, 3.0  # sigma: below, causes cannot be told apart, or hardly
-_UNITS = {"speed": "rad/s", "torque": "N.m", "twist": "rad", "angle": "rad", "time": "s", "position": "m"}
+# What a missing torque may go with; where it is a force, and speeds are those of what moves along.
+_UNITS = {"speed": "m/s", "torque": "N.m", "twist": "rad", "wheel angle": "rad", "time": "s", "distance": "m"}
+_ALONG = ("vehicle", "carriage")
 
 
 def render(diagnosis: Diagnosis) -> str:
@@ -44,7 +46,7 @@ def render(diagnosis: Diagnosis) -> str:
         more=max(0, len(finding["wrong"]) - _LINES), story=_story(finding["wrong"]),
         pictures=_pictures(finding["wrong"], traces), shares=_shares(finding, getattr(diagnosis, "suspects", [])),
         causes=[_cause(cause) for cause in finding["causes"]], place=_place(diagnosis), rivals=_rivals(finding),
-        next=finding["next_manoeuvre"], unknown=finding["unknown"],
+        next=finding["next_manoeuvre"], unknown=finding["unknown"], missing=_missing(finding["unknown"]),
         disturbances=_disturbances(finding["unknown"], getattr(diagnosis, "disturbance", {})),
         gain=_gain(finding["gain"]), extension=finding["extension"], notices=diagnosis.notices,
         seconds=diagnosis.seconds)
@@ -95,9 +97,15 @@ def _headline(finding: Mapping[str, Any]) -> str:
         unknown = finding["unknown"]
         if not unknown:
             return "The simulation is wrong, and no known effect explains it"
-        return (f"A torque at the {unknown['balance']} is missing that no known effect explains: it goes with "
-                f"{_words(unknown['driving_variable'])}, {unknown['shape']}")
-    return "Nothing is significantly wrong: the recordings lie within what a healthy car would show"
+        return (f"A {_missing(unknown)[0]} at the {unknown['balance']} is missing that no known effect explains: it "
+                f"goes with {_words(unknown['driving_variable'])}, {unknown['shape']}")
+    return "Nothing is significantly wrong: what differs, tolerance and noise explain"
+
+
+def _missing(unknown: Mapping[str, Any] | None) -> tuple[str, str]:
+    """What is missing, and its unit."""
+    along = unknown is not None and unknown["balance"] in _ALONG
+    return ("force", "N") if along else ("torque", _unit("N.m"))
 
 
 def _either(names: Sequence[str]) -> str:
@@ -131,7 +139,7 @@ def _dotted(words: str) -> str:
 
 
 def _chance(p: float) -> str | Markup:
-    """How often a healthy car would show it."""
+    """How often tolerance and noise alone would show it."""
     if p > 1e-4:
         return f"1 in {float(f'{1.0 / p:.1e}'):,.0f}"
     exponent = math.floor(-math.log10(max(p, 1e-99)))
@@ -158,7 +166,7 @@ def _pictures(wrong: Sequence[Mapping[str, Any]],
     count = min(len(chosen) + len(chosen) % 2, _PICTURES) if chosen else _PICTURES
     for key in sorted(traces, key=lambda key: -_misfit(traces[key])):
         if len(chosen) < count and key[1] not in named | {channel for _, channel in chosen}:
-            chosen[key] = {"what": "no more off than a healthy car's"}
+            chosen[key] = {"what": "no more off than tolerance and noise explain"}
     found = []
     for (run, channel), entry in list(chosen.items())[:_PICTURES]:
         clock, measured, before, after = traces[(run, channel)]
@@ -251,7 +259,7 @@ def _place(diagnosis: Diagnosis) -> dict[str, Any] | None:
             marked.setdefault(effect.acts_on, []).append(_words(cause["effect"]))
         kinds.append(kind)
     if finding["unknown"] and finding["verdict"] == "unknown":
-        marked.setdefault(finding["unknown"]["balance"], []).append("missing torque")
+        marked.setdefault(finding["unknown"]["balance"], []).append(f"missing {_missing(finding['unknown'])[0]}")
         kinds.append("plant")
     if not kinds:
         return None
@@ -259,9 +267,9 @@ def _place(diagnosis: Diagnosis) -> dict[str, Any] | None:
     if diagnosis.car.name == "plant_fom" and set(marked) <= set(_PLACES):
         drawn = Markup(svg.chain(_PLACES, {k: ", ".join(dict.fromkeys(v)) for k, v in marked.items()},
                                  "where it is: " + ", ".join(marked)))
-    said = {"sensor": "in a sensor: the car itself is as its file says",
-            "input": "in what drives the simulation, not in the car",
-            "plant": "in the car itself"}
+    what = "car" if diagnosis.car.name == "plant_fom" else "bench"
+    said = {"sensor": f"in a sensor: the {what} itself is as its file says",
+            "input": f"in what drives the simulation, not in the {what}", "plant": f"in the {what} itself"}
     return {"kinds": " or ".join(said[k] for k in dict.fromkeys(kinds)), "places": ", ".join(marked), "svg": drawn}
 
 
@@ -294,20 +302,22 @@ def _gain(gain: Mapping[str, Any] | None) -> dict[str, Any] | None:
 
 
 def _disturbances(unknown: Mapping[str, Any] | None, found: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """The missing torque over what it could go with; the variable it goes with first."""
+    """What is missing over what it could go with; the variable it does go with first."""
     if not unknown or unknown["balance"] not in found:
         return []
     table = found[unknown["balance"]]
     torque = np.asarray(table["torque"])
     own = unknown["driving_variable"]
     variables = [name for name, values in table.items()
-                 if name not in ("torque", "std") and np.shape(values) == torque.shape and np.ptp(values) > 0.0]
+                 if name not in ("torque", "std", "run") and np.shape(values) == torque.shape and np.ptp(values) > 0.0]
     pictures = []
     for name in sorted(variables, key=lambda name: name != own)[:4]:
-        unit = next((u for word, u in _UNITS.items() if word in name), "")
-        below = f"{_words(name)} [{_unit(unit)}]" if unit else _words(name)
+        values = np.asarray(table[name])
+        if name.endswith("angle"):
+            values = values % (2.0 * np.pi)
+        below = f"{_words(name)} [{_unit(_UNITS[name])}]" if name in _UNITS else _words(name)
         pictures.append({"name": _words(name), "first": name == own, "svg": Markup(
-            svg.scatter(np.asarray(table[name]), torque, below, f"missing torque over {_words(name)}"))})
+            svg.scatter(values, torque, below, f"what is missing over {_words(name)}"))})
     return pictures
 
 

@@ -210,6 +210,7 @@ def test_words_tell_side_and_size():
     assert words("wheel_speed", "lag", -0.002, 0.0) == "measured 2 ms earlier than simulated"
     assert words(torque, "lag behind the others", 0.0042, 0.0) == "measured 4.2 ms later than the other channels"
     assert words(torque, "overshoot", 10.0, 35.0) == "overshoot 3.5 times as large as measured"
-    assert words(torque, "waveform", 12.0, 3.0) == "waveform off by 12 N.m rms, 4.0 times a healthy car's"
+    assert words(torque, "waveform", 12.0, 3.0) == (
+        "waveform off by 12 N.m rms, 4.0 times what tolerance and noise explain")
     assert unit_of("wheel_speed", "drift") == "rad/s/s"
     assert unit_of("engine_speed over turbine_speed", "speed ratio") == "1"

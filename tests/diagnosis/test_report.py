@@ -124,7 +124,8 @@ def diagnosis(base, verdict):
         time = np.arange(0.0, 7.0, 0.01)
         speed = 60.0 + 20.0 * np.sin(time)
         disturbance = {"propeller shaft": {"time": time, "torque": 0.01 * (speed - 40.0) ** 2, "speed": speed,
-                                           "std": np.ones(time.size), "twist": 1e-3 * np.cos(9.0 * time)}}
+                                           "std": np.ones(time.size), "twist": 1e-3 * np.cos(9.0 * time),
+                                           "wheel angle": 30.0 * time, "run": np.zeros(time.size)}}
         finding["unknown"] = {"balance": "propeller shaft", "driving_variable": "speed", "size": 16.0,
                               "shape": "growing with its square"}
     if verdict == "none":
@@ -175,6 +176,16 @@ def test_the_finding_is_told(pages, base):
     assert "propeller shaft" in unknown and "growing with its square" in unknown
     assert "Nothing is significantly wrong" in words(pages["none"])
     assert "Why" not in words(pages["none"]) and "None" not in words(pages["none"])
+
+
+def test_what_is_missing_is_shown_over_what_it_could_go_with(base, pages):
+    titles = re.findall(r'aria-label="what is missing over ([^"]*)"', pages["unknown"])
+    assert titles == ["speed", "time", "twist", "wheel angle"]  # no run: that is no variable
+    given = diagnosis(base, "unknown")
+    given.disturbance["vehicle"] = given.disturbance.pop("propeller shaft")
+    given.finding["unknown"]["balance"] = "vehicle"
+    text = " ".join(words(render(given)).split())
+    assert "A force at the vehicle is missing" in text and "16 N." in text
 
 
 def test_a_value_beyond_what_is_plausible_is_marked(base):
