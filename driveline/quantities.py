@@ -7,6 +7,7 @@ tables, the messages about bad input, the units of a result file) reads it from 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import typing
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -102,6 +103,9 @@ def parameter_variables(owner: Any, prefix: str = "") -> Iterator[Variable]:
             yield Variable(entry_name, start=float(entry), **field.metadata)
 
 
+_types = functools.cache(typing.get_type_hints)  # slow, and the same for a class every time
+
+
 def from_values(kind: type, values: Mapping[str, float], prefix: str = "") -> Any:
     """An instance of a dataclass of quantities, its scalars taken from ``values`` by structured name.
 
@@ -110,7 +114,7 @@ def from_values(kind: type, values: Mapping[str, float], prefix: str = "") -> An
     Raises:
         InputError: A value is missing; the message names it.
     """
-    types = typing.get_type_hints(kind)
+    types = _types(kind)
     arguments: dict[str, Any] = {}
     for field in dataclasses.fields(kind):
         name = prefix + field.name

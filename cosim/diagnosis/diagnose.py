@@ -6,25 +6,32 @@ import json
 import logging
 import os
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from cosim.diagnosis import extend, proposal
-from cosim.diagnosis.identify import Fit, Identification, Search, inseparable, probabilities
-from cosim.diagnosis.plants import FullOrderCar, Run
+from cosim.diagnosis.catalogue import CATALOGUE
+from cosim.diagnosis.identify import Fit, Identification, Search
+from cosim.diagnosis.inverse import diagnose_inverse
+from cosim.diagnosis.localise import disturbances, goes_with
+from cosim.diagnosis.noise import Noise
+from cosim.diagnosis.plants import FullOrderCar, InstrumentedPlant, RigidPlant, Run, plant_for
 from cosim.diagnosis.predict import Predictor, coordinates
-from cosim.diagnosis.residuals import Wrong, wrong
+from cosim.diagnosis.residuals import wrong
 from cosim.files import write_text
 from cosim.measured import Measurement, load
-from driveline.quantities import InputError
 
 log = logging.getLogger("cosim")
 LIKELY = 0.05  # causes less probable are not listed
-SURE = 0.8  # a cause more probable than this needs no further recording
+APART = 3.0  # sigma: rivals closer than this cannot be told from the best
+STRANGE = 0.16  # mean logarithm of what is left over what should be: more, and the catalogue does not explain it
+SOMETHING_ELSE = 0.03  # probability that is left for what nobody thought of
+_TEMPER = 3.0  # of differences in evidence: fits of nonlinear models err by more than noise does
+_DRAWS = 30  # healthy cars
 
 
 @dataclass
@@ -34,22 +41,27 @@ class Diagnosis:
     Attributes:
         finding: As the contract has it.
         measurement, car, runs, reserved: What was looked at; ``reserved`` runs were not, until the gain.
-        identification: The search's result.
-        wrong: What the vehicle file gets wrong.
+        wrong: What the vehicle file gets wrong, as in the finding.
         traces: For pictures: run, channel to (clock, measured, before, after).
+        suspects: Every effect with its probability.
+        disturbance: Where a torque is missing: balance to the torque at some instants and what it may go with.
         notices: What limits the diagnosis, in words.
+        seconds: It took.
+        identification: The search's result; None for a bench.
     """
 
     finding: dict[str, Any]
     measurement: Measurement
-    car: FullOrderCar
+    car: InstrumentedPlant
     runs: list[Run]
     reserved: list[Run]
-    identification: Identification
-    wrong: list[Wrong]
+    wrong: list[dict[str, Any]] = field(default_factory=list)
     traces: dict[tuple[str, str], tuple[np.ndarray, ...]] = field(default_factory=dict)
+    suspects: list[dict[str, Any]] = field(default_factory=list)
+    disturbance: dict[str, dict[str, np.ndarray]] = field(default_factory=dict)
     notices: list[str] = field(default_factory=list)
     seconds: float = 0.0
+    identification: Identification | None = None
 
 
 def diagnose(path: Path, out: Path | None = None, *, workers: int | None = None,
@@ -69,34 +81,23 @@ def diagnose(path: Path, out: Path | None = None, *, workers: int | None = None,
     """
     began = time.perf_counter()
     measurement = load(path)
-    if measurement.vehicle is None:
-        raise InputError(f"{path}: which vehicle? measurement.toml needs vehicle = \"...\"")
-    car = FullOrderCar(measurement.vehicle, measurement.variant)
+    car = plant_for(measurement)
     runs, reserved = _reserve(car.runs(measurement))
-    notices = _notices(runs, reserved)
-    for notice in notices:
+    diagnosis = Diagnosis({}, measurement, car, runs, reserved, notices=_notices(car, runs, reserved))
+    for notice in diagnosis.notices:
         say(notice)
-    workers = workers or len(os.sched_getaffinity(0))
-    with Predictor(car, runs, coordinates(car, runs), workers) as predictor:
-        search = Search(predictor, say)
-        found = search.run()
-        say("reading features")
-        listed = wrong(predictor, found)
-        finding = _finding(predictor, found, listed)
-        diagnosis = Diagnosis(finding, measurement, car, runs, reserved, found, listed, notices=notices)
-        _traces(diagnosis, found)
-        if finding["verdict"] == "ambiguous":
-            say("looking for the manoeuvre that would tell the causes apart")
-            _propose(diagnosis, predictor, found)
-        if found.best.effects:
-            _extend(diagnosis, predictor, found, out, build, say)
+    if isinstance(car, RigidPlant):
+        _bench(diagnosis, car, out, say)
+    else:
+        _driveline(diagnosis, car, out, workers or len(os.sched_getaffinity(0)), say, build)
+    diagnosis.wrong = diagnosis.finding["wrong"]
     diagnosis.seconds = time.perf_counter() - began
+    diagnosis.finding["notices"], diagnosis.finding["run_seconds"] = diagnosis.notices, diagnosis.seconds
     if out is not None:
         from cosim.report.diagnosis_html import render
 
-        finding["notices"], finding["run_seconds"] = notices, diagnosis.seconds
         write_text(out / "report.html", render(diagnosis))
-        write_text(out / "finding.json", json.dumps(finding, indent=2) + "\n")
+        write_text(out / "finding.json", json.dumps(diagnosis.finding, indent=2) + "\n")
     return diagnosis
 
 
@@ -110,7 +111,7 @@ def _reserve(runs: list[Run]) -> tuple[list[Run], list[Run]]:
     return [run for i, run in enumerate(runs) if i != chosen], [runs[chosen]]
 
 
-def _notices(runs: list[Run], reserved: list[Run]) -> list[str]:
+def _notices(car: InstrumentedPlant, runs: list[Run], reserved: list[Run]) -> list[str]:
     """What the recordings cannot show."""
     notices = []
     present = {name for run in runs for name in run.clocks}
@@ -120,7 +121,8 @@ def _notices(runs: list[Run], reserved: list[Run]) -> list[str]:
         "engine_speed": "without the engine speed nothing is known of the converter clutch and of that sensor",
         "wheel_speed": "without a wheel speed tyre slip and rolling radius cannot be told from gear and speed",
         "vehicle_speed": "without a vehicle speed tyre slip and rolling radius cannot be told"}
-    notices += [text for name, text in blind.items() if name not in present]
+    if isinstance(car, FullOrderCar):
+        notices += [text for name, text in blind.items() if name not in present]
     if not reserved:
         notices.append("fewer than three recordings: none is left over to measure the gain on")
     if len(runs) == 1:
@@ -128,10 +130,79 @@ def _notices(runs: list[Run], reserved: list[Run]) -> list[str]:
     return notices
 
 
-def _finding(predictor: Predictor, found: Identification, listed: list[Wrong]) -> dict[str, Any]:
+# -- benches ---------------------------------------------------------------------------------------
+
+
+def _bench(diagnosis: Diagnosis, car: RigidPlant, out: Path | None, say: Callable[[str], None]) -> None:
+    """A bench whose motion was measured says by itself which torque it needs."""
+    found = diagnose_inverse(car, diagnosis.runs, diagnosis.reserved, say)
+    diagnosis.finding = {"extension": None, **found.finding}
+    diagnosis.traces, diagnosis.notices = found.traces, [*diagnosis.notices, *found.notices]
+    diagnosis.suspects = [{"effect": name, "probability": share} for name, share in found.probabilities.items()]
+    if out is not None and diagnosis.finding["causes"]:
+        _write_vehicle(diagnosis, found.values, out)
+
+
+# -- a driveline on the road -----------------------------------------------------------------------
+
+
+def _driveline(diagnosis: Diagnosis, car: FullOrderCar, out: Path | None, workers: int,
+               say: Callable[[str], None], build: Callable[[Path, Path], Path] | None) -> None:
+    runs, declared = diagnosis.runs, coordinates(car, diagnosis.runs)
+    with Predictor(car, runs, declared, workers) as predictor:
+        search = Search(predictor, say)
+        found = search.run()
+        diagnosis.identification = found
+        left = search.noise(found.best)
+        diagnosis.finding = _finding(predictor, found, left)
+        if diagnosis.finding["verdict"] == "unknown":
+            say("looking for the torque that is missing")
+            _localise(diagnosis, predictor, found, left)
+        if diagnosis.finding["verdict"] == "ambiguous":
+            say("looking for the manoeuvre that would tell the causes apart")
+            _propose(diagnosis, predictor, found)
+    diagnosis.suspects = [{"effect": name, "probability": share} for name, share in
+                          _probabilities(found, CATALOGUE).items()]
+    with Predictor(car, [run.free for run in runs], declared, workers) as freely:
+        say("what a healthy car would have shown")
+        nominal, healthy = _healthy(freely, found.noise)
+        diagnosis.finding["wrong"] = [w.as_json() for w in wrong(runs, nominal, healthy)]
+        after = freely.all_runs([_as_found(predictor, found.best, point) for point in found.best.points]) or nominal
+    for run, before, then in zip(runs, nominal, after):
+        for name, place in run.slices.items():
+            diagnosis.traces[(run.name, name)] = (run.clocks[name], run.measured[name], before[place], then[place])
+    if found.best.causes:
+        _extend(diagnosis, predictor, found, out, build, say)
+
+
+def _probabilities(found: Identification, effects: Sequence[str]) -> dict[str, float]:
+    """Probability that each effect is there: the suppositions' shares of all evidence."""
+    scores = np.array([fit.score for fit in found.alternatives]) / _TEMPER
+    weights = np.exp(scores - scores.max())
+    weights *= (1.0 - SOMETHING_ELSE) / weights.sum()
+    shares = dict.fromkeys(effects, 0.0)
+    for fit, weight in zip(found.alternatives, weights):
+        for effect in fit.effects:
+            shares[effect] += float(weight)
+    return shares
+
+
+def _rivals(found: Identification) -> list[tuple[Fit, float]]:
+    """Other suppositions with an effect that the best has not, and their distance in sigma."""
+    rivals = []
+    for fit in found.alternatives:
+        distance = float(np.sqrt(2.0 * max(found.best.score - fit.score, 0.0) / _TEMPER))
+        if set(fit.effects) - set(found.best.effects) and len(fit.causes) <= max(1, len(found.best.causes)):
+            if distance < APART:
+                rivals.append((fit, distance))
+    return rivals
+
+
+def _finding(predictor: Predictor, found: Identification, left: Noise) -> dict[str, Any]:
     best = found.best
-    shares = probabilities(found)
-    rivals = inseparable(found)
+    shares = _probabilities(found, CATALOGUE)
+    rivals = _rivals(found)
+    strange = float(np.mean([share for run in left.excess for share in run.values()])) > STRANGE
     causes = []
     for effect in sorted(best.effects, key=lambda e: -shares[e]):
         causes.append({"effect": effect, "probability": shares[effect],
@@ -141,75 +212,129 @@ def _finding(predictor: Predictor, found: Identification, listed: list[Wrong]) -
             fit = next(f for f in found.alternatives if effect in f.effects)
             causes.append({"effect": effect, "probability": share,
                            "parameters": _parameters(predictor, fit, effect)})
-    if not best.effects:
-        verdict = "unknown" if listed else "none"
-    elif any(set(f.effects) - set(best.effects) for f, _ in rivals):
-        verdict = "ambiguous"
+    if strange:
+        verdict = "unknown"
+        for cause in causes:  # as far as it goes, but something nobody thought of is there as well
+            cause["probability"] *= 0.3
+    elif not best.causes:
+        verdict = "none"
     else:
-        verdict = "cause"
+        verdict = "ambiguous" if rivals else "cause"
     return {
-        "verdict": verdict,
-        "wrong": [w.as_json() for w in listed],
-        "causes": causes,
-        "ambiguous_with": [{"effects": sorted(set(fit.effects) - set(best.effects)) or list(fit.effects),
-                            "separation_sigma": distance} for fit, distance in rivals
-                           if set(fit.effects) - set(best.effects)],
+        "verdict": verdict, "wrong": [], "causes": causes,
+        "ambiguous_with": [{"effects": sorted(set(fit.effects) - set(best.effects)), "separation_sigma": distance}
+                           for fit, distance in rivals] if verdict == "ambiguous" else [],
         "next_manoeuvre": None, "unknown": None, "extension": None, "gain": None}
 
 
 def _parameters(predictor: Predictor, fit: Fit, effect: str) -> dict[str, dict[str, Any]]:
-    result = {}
-    for i in predictor.index(effect):
-        p = predictor.coordinates[i].parameter
-        deviation = float(np.sqrt(fit.posterior.covariance[i, i]))
-        value, low, high = (p.size(float(fit.point[i]) + 1.645 * d * deviation) for d in (0.0, -1.0, 1.0))
+    """The numbers of an effect as a fit has them, with 90 % intervals."""
+    shared = {int(i): k for k, i in enumerate(fit.evidence.layout.shared)}
+    deviations = np.sqrt(np.diag(fit.posterior.covariance))
+    result: dict[str, dict[str, Any]] = {}
+    for i, c in enumerate(predictor.coordinates):
+        if c.effect != effect or c.cause not in fit.causes or c.parameter.name in result:
+            continue
+        p, x, deviation = c.parameter, float(fit.shared[i]), float(deviations[shared[i]])
+        if c.run is not None:  # two components in every run, and noise in each
+            all_of_it = [j for j in predictor.index(c.cause) if predictor.coordinates[j].parameter is p]
+            spread = np.array([deviations[shared[j]] for j in all_of_it])
+            power = 2.0 * (np.mean(fit.shared[all_of_it] ** 2) - np.mean(spread**2))
+            x, deviation = float(np.sqrt(max(power, 0.0))), float(np.sqrt(np.mean(spread**2) / len(all_of_it) * 2.0))
+        value, low, high = (p.size(float(np.clip(x + 1.645 * d * deviation, c.low, c.high))) for d in (0.0, -1.0, 1.0))
         nominal, value, unit = p.physical(value, predictor.car.values)
         low, high = (p.physical(x, predictor.car.values)[1] for x in (low, high))
         result[p.name] = {"nominal": nominal, "value": value, "low90": low, "high90": high, "unit": unit}
     return result
 
 
-def _traces(diagnosis: Diagnosis, found: Identification) -> None:
-    for run, before, after in zip(diagnosis.runs, found.nominal, found.best.predicted):
-        for name, place in run.slices.items():
-            diagnosis.traces[(run.name, name)] = (run.clocks[name], run.measured[name], before[place], after[place])
+def _healthy(freely: Predictor, noise: Noise) -> tuple[list[np.ndarray], list[list[np.ndarray]]]:
+    """What the vehicle file says, start speeds fitted, and what cars would show that are like it."""
+    random = np.random.default_rng(1)
+    count = len(freely.coordinates)
+    points = []
+    starts = [next(i for i, c in enumerate(freely.coordinates) if c.name == "start_speed" and c.run == r)
+              for r in range(len(freely.runs))]
+    base = freely.all_runs([np.zeros(count) for _ in freely.runs])
+    moved = freely.jacobian([np.zeros(count) for _ in freely.runs], base, starts)
+    for r, run in enumerate(freely.runs):
+        point = np.zeros(count)
+        # the speeds of the first second: later ones have other reasons to differ
+        early = np.concatenate([(clock < run.start + 1.0) & name.endswith("speed")
+                                for name, clock in run.clocks.items()])
+        slope, error = (x[early] / noise.least[r][early] for x in (moved[r][:, r], run.stacked - base[r]))
+        point[starts[r]] = float(slope @ error) / (float(slope @ slope) + 1.0)
+        points.append(point)
+    nominal = freely.all_runs(points)
+    tolerances = np.array([0.0 if c.name == "start_speed" else 0.5 * c.tolerance if c.nuisance else c.tolerance
+                           for c in freely.coordinates])
+    cars = tolerances * random.standard_normal((_DRAWS, count))
+    jobs = [(point + car, r, k) for r, point in enumerate(points) for k, car in enumerate(cars)]
+    shown = freely.many(jobs)
+    floors = [np.concatenate([np.full(clock.size, noise.floors[name]) for name, clock in run.clocks.items()])
+              for run in freely.runs]
+    return nominal, [[y + floors[r] * random.standard_normal(y.size) for y in shown[r * _DRAWS:(r + 1) * _DRAWS]
+                      if y is not None] for r in range(len(freely.runs))]
+
+
+def _as_found(predictor: Predictor, fit: Fit, point: np.ndarray) -> np.ndarray:
+    """The coordinates of a run with the causes in them and its start speed, everything else as in the file."""
+    kept = {i for cause in fit.causes for i in predictor.index(cause)}
+    return np.array([x if i in kept or c.name == "start_speed" else 0.0
+                     for i, (c, x) in enumerate(zip(predictor.coordinates, point))])
 
 
 def _values(predictor: Predictor, fit: Fit) -> dict[str, float]:
-    """Values with the supposed effects in them, and nothing else changed."""
-    point = np.array([x if c.effect in fit.effects and c.parameter is not None else 0.0
-                      for c, x in zip(predictor.coordinates, fit.point)])
-    return predictor.values(point, 0)[0]
+    """Values with the supposed causes in them, and nothing else changed."""
+    return predictor.values(_as_found(predictor, fit, fit.shared), 0)[0]
+
+
+def _localise(diagnosis: Diagnosis, predictor: Predictor, found: Identification, left: Noise) -> None:
+    """Which balance lacks a torque, and what that goes with."""
+    listed = disturbances(predictor, found.healthy, left)
+    first = listed[0]
+    variable, shape, share = goes_with(first.table)
+    diagnosis.finding["unknown"] = {"balance": first.balance, "driving_variable": variable, "shape": shape,
+                                    "size": first.size, "share": share,
+                                    "log_evidence": {d.balance: d.gain for d in listed}}
+    diagnosis.disturbance = {d.balance: d.table for d in listed}
 
 
 def _propose(diagnosis: Diagnosis, predictor: Predictor, found: Identification) -> None:
-    rivals = [f for f, _ in inseparable(found) if set(f.effects) - set(found.best.effects)]
-    other = rivals[0]
-    best = proposal.propose(diagnosis.car, found.noise, _values(predictor, found.best), _values(predictor, other),
-                            diagnosis.runs[0])
+    other = _rivals(found)[0][0]
+    best = proposal.propose(predictor, found.noise, found.best, other)
     if best is not None:
         diagnosis.finding["next_manoeuvre"] = {
             "kind": best.kind, "gear": best.gear, "separation_sigma": best.separation_sigma,
             "why": proposal.words(best, found.best.effects, other.effects)}
 
 
+def _write_vehicle(diagnosis: Diagnosis, values: dict[str, float], out: Path) -> dict[str, float]:
+    """The extended vehicle file; returns what it changes."""
+    car = diagnosis.car
+    changes = extend.changed_values(car.values, values)
+    why = f"diagnosis of {diagnosis.measurement.name}: " + ", ".join(
+        cause["effect"].replace("_", " ") for cause in diagnosis.finding["causes"])
+    extend.write_vehicle(car.source, changes, car.units, why, out / extend.EXTENDED)
+    diagnosis.finding["extension"] = {"vehicle": extend.EXTENDED, "fmu": None}
+    return changes
+
+
 def _extend(diagnosis: Diagnosis, predictor: Predictor, found: Identification, out: Path | None,
             build: Callable[[Path, Path], Path] | None, say: Callable[[str], None]) -> None:
-    """The extended vehicle and FMU, and the gain on the reserved runs."""
+    """The extended vehicle and FMU, and the gain on the reserved runs, driven freely."""
     car, values = diagnosis.car, _values(predictor, found.best)
-    changes = extend.changed_values(car.values, values)
-    fmu = None
+    changes, fmu = extend.changed_values(car.values, values), None
     if out is not None:
-        why = (f"diagnosis of {diagnosis.measurement.name}: "
-               + ", ".join(e.replace("_", " ") for e in found.best.effects))
-        extend.write_vehicle(car.source, changes, car.units, why, out / extend.EXTENDED)
+        _write_vehicle(diagnosis, values, out)
         if build is not None:
             say("building the extended FMU")
             fmu = build(out, out / extend.EXTENDED)
-        diagnosis.finding["extension"] = {"vehicle": extend.EXTENDED, "fmu": fmu.name if fmu else None}
-    if not diagnosis.reserved:
+            diagnosis.finding["extension"]["fmu"] = fmu.name
+    reserved = [replace(run, anchors={}) for run in diagnosis.reserved]
+    if not reserved:
         return
-    say("measuring the gain on " + ", ".join(run.name for run in diagnosis.reserved))
+    say("measuring the gain on " + ", ".join(run.name for run in reserved))
 
     def simulate(extended: bool, run: Run) -> dict[str, np.ndarray]:
         now = values if extended else car.values
@@ -218,8 +343,8 @@ def _extend(diagnosis: Diagnosis, predictor: Predictor, found: Identification, o
         nominal = {} if extended else {name: car.values[name] for name in changes}
         return extend.co_simulate(fmu, nominal, extend.with_inputs(run, now), run.start_speed)
 
-    rows = extend.gain(diagnosis.reserved, simulate, (car.values, values), found.noise.floors())
-    for run in diagnosis.reserved:
+    rows = extend.gain(reserved, simulate, (car.values, values), found.noise.floors)
+    for run in reserved:
         for name, clock in run.clocks.items():
             before, after = (car.instruments(car.raw(v, run), v, run)[run.slices[name]] for v in (car.values, values))
             diagnosis.traces[(run.name, name)] = (clock, run.measured[name], before, after)

@@ -1,34 +1,46 @@
-"""Bayesian bookkeeping on linearised runs: evidence, held-out scores, what two causes have in common.
+"""Bayesian bookkeeping on linearised runs: what each says of the coordinates, and the evidence of a supposition.
 
-Near a point the whitened residuals z are linear in the coordinates, z = J u + e with white e. Every
-coordinate has a Gaussian prior: narrow (its tolerance in a healthy car), wide for those of the effects
-that are supposed to be the cause. So each supposition has an evidence in closed form, nuisances are
-projected out exactly, and a whole run can be left out by taking its share of J'J away.
+Near a point of its own, a run's whitened residuals are linear in the coordinates, z = J v + e with white e. The
+run's own nuisances are projected out. What is left, v, is not quite the u that all runs share: a plant of another
+structure is not described by one stiffness in all manoeuvres, however exactly each run may fix it. So v = u + d
+with d ~ N(0, D), and no run says more of u than D allows. The coordinates have Gaussian priors: narrow (their
+tolerance in a healthy car), wide for those of the effects that are supposed to be the cause. With these every
+supposition has its evidence in closed form, and a whole run can be left out.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from cosim.diagnosis.predict import Coordinate
 
+# By how much what one manoeuvre says of a parameter may differ from what the next says, in detection limits.
+HETEROGENEITY = 0.25
 
-def prior(coordinates: Sequence[Coordinate], effects: Iterable[str]) -> np.ndarray:
-    """Standard deviation of every coordinate where ``effects`` are the cause."""
-    effects = set(effects)
-    return np.array([c.spread if c.effect in effects else c.tolerance for c in coordinates])
+
+def prior(coordinates: Sequence[Coordinate], causes: Iterable[str]) -> np.ndarray:
+    """Standard deviation of every coordinate where ``causes`` are supposed."""
+    causes = set(causes)
+    return np.array([c.spread if c.cause in causes else c.tolerance for c in coordinates])
+
+
+def heterogeneity(coordinates: Sequence[Coordinate]) -> np.ndarray:
+    """Standard deviation of d for every coordinate; none for those of one run."""
+    return np.array([0.0 if c.run is not None else HETEROGENEITY * c.parameter.detection if c.effect
+                     else 0.5 * c.tolerance for c in coordinates])
 
 
 @dataclass(frozen=True)
 class Posterior:
-    """Gaussian belief about the coordinates.
+    """Gaussian belief about the shared coordinates.
 
     Attributes:
-        mean, covariance: Of the coordinates.
+        mean, covariance: Of them.
         log_evidence: Of the data, up to what all suppositions share.
     """
 
@@ -37,34 +49,118 @@ class Posterior:
     log_evidence: float
 
 
-class Linear:
-    """Runs linearised at a point.
+class Layout:
+    """Which coordinates are shared and which each run's own, and the priors of the latter.
 
     Args:
-        coordinates: Of the columns.
-        point: Where they were linearised.
-        residuals: Whitened residuals of every run there.
-        jacobians: Whitened derivatives of the predictions.
-        temperature: Factor on the noise's variance; above 1 for errors that no colour describes.
+        coordinates: All of them.
+        runs: How many runs.
     """
 
-    def __init__(self, coordinates: Sequence[Coordinate], point: np.ndarray, residuals: Sequence[np.ndarray],
-                 jacobians: Sequence[np.ndarray], temperature: float = 1.0) -> None:
-        self.coordinates, self.point, self.temperature = list(coordinates), point, temperature
-        targets = [r + j @ point for r, j in zip(residuals, jacobians)]
-        self.targets, self.jacobians = targets, list(jacobians)
-        self.squares = [j.T @ j / temperature for j in jacobians]
-        self.products = [j.T @ z / temperature for j, z in zip(jacobians, targets)]
-        self.lengths = [float(z @ z) / temperature for z in targets]
+    def __init__(self, coordinates: Sequence[Coordinate], runs: int) -> None:
+        self.coordinates = list(coordinates)
+        self.shared = np.array([i for i, c in enumerate(coordinates) if not c.nuisance])
+        self.own = [np.array([i for i, c in enumerate(coordinates) if c.nuisance and c.run == r])
+                    for r in range(runs)]
+        self.deviation = heterogeneity([coordinates[i] for i in self.shared])
+        self.precision = [np.diag([coordinates[i].tolerance**-2 for i in own]) for own in self.own]
 
-    def posterior(self, spread: np.ndarray, runs: Iterable[int] | None = None) -> Posterior:
-        """Belief and evidence from some runs (default: all), with prior standard deviations ``spread``."""
-        runs = range(len(self.squares)) if runs is None else list(runs)
-        square = sum((self.squares[r] for r in runs), np.zeros((spread.size, spread.size)))
-        product = sum((self.products[r] for r in runs), np.zeros(spread.size))
-        length = sum(self.lengths[r] for r in runs)
-        matrix = np.eye(spread.size) + spread[:, None] * square * spread
-        factor = cho_factor(matrix, lower=True)
+
+class Slopes:
+    """The whitened derivatives of one run, prepared for residuals of any size.
+
+    Args:
+        layout: Of the coordinates.
+        run: Which run.
+        jacobian: Whitened; samples x all coordinates.
+    """
+
+    def __init__(self, layout: Layout, run: int, jacobian: np.ndarray) -> None:
+        self.layout, self.run = layout, run
+        own = layout.own[run]
+        self.columns = np.concatenate([layout.shared, own])
+        self.jacobian = np.ascontiguousarray(jacobian[:, self.columns])
+        square = (self.jacobian.T @ self.jacobian).astype(float)
+        n = layout.shared.size
+        self.square, self.n = square, n
+        matrix = square[n:, n:] + layout.precision[run]
+        factor = cho_factor(matrix)
+        self.inverse = cho_solve(factor, np.eye(own.size))
+        self.cross = square[n:, :n]
+        self.information = square[:n, :n] - self.cross.T @ self.inverse @ self.cross
+        self.log_determinant = 2.0 * float(np.sum(np.log(np.abs(np.diag(factor[0]))))) - float(
+            np.linalg.slogdet(layout.precision[run])[1])
+        d = layout.deviation
+        # (D^-1 + A)^-1 in a form that allows for D = 0
+        self.loose = d[:, None] * np.linalg.solve(np.eye(n) + d[:, None] * self.information * d, np.diag(d))
+        self.capped = self.information - self.information @ self.loose @ self.information
+        self.log_determinant += float(np.linalg.slogdet(np.eye(n) + d[:, None] * self.information * d)[1])
+
+    def seen(self, residual: np.ndarray, point: np.ndarray) -> Seen:
+        """What the run says, given its whitened residual at a point of all coordinates."""
+        there = point[self.columns]
+        product = self.jacobian.T @ residual.astype(np.float32)
+        vector = product.astype(float) + self.square @ there
+        length = float(residual @ residual) + 2.0 * float(product @ there) + float(there @ self.square @ there)
+        own = vector[self.n:]
+        b = vector[:self.n] - self.cross.T @ (self.inverse @ own)
+        length -= float(own @ self.inverse @ own)
+        return Seen(self, b, own, b - self.information @ (self.loose @ b), length - float(b @ self.loose @ b))
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What one run says of the shared coordinates: exp(-(u' M u - 2 m' u + length)/2), M = ``slopes.capped``.
+
+    Attributes:
+        slopes: Of the run.
+        exact, own: Information vectors of v and of the run's own coordinates.
+        capped: m.
+        length: See above.
+    """
+
+    slopes: Slopes
+    exact: np.ndarray
+    own: np.ndarray
+    capped: np.ndarray
+    length: float
+
+    def point(self, shared: np.ndarray) -> np.ndarray:
+        """The most probable coordinates of the run, given the shared ones; all others 0."""
+        s = self.slopes
+        v = shared + s.loose @ (self.exact - s.information @ shared)
+        result = np.zeros(len(s.layout.coordinates))
+        result[s.layout.shared] = v
+        result[s.layout.own[s.run]] = s.inverse @ (self.own - s.cross @ v)
+        return result
+
+
+class Evidence:
+    """What all runs say together.
+
+    Args:
+        seen: By each run.
+    """
+
+    def __init__(self, seen: Sequence[Seen]) -> None:
+        self.seen = list(seen)
+        self.layout = seen[0].slopes.layout
+
+    @cached_property
+    def _sums(self) -> tuple[np.ndarray, np.ndarray, float]:
+        return (sum(s.slopes.capped for s in self.seen), sum(s.capped for s in self.seen),
+                sum(s.length + s.slopes.log_determinant for s in self.seen))
+
+    def posterior(self, spread: np.ndarray, without: int | None = None) -> Posterior:
+        """Belief and evidence with prior standard deviations ``spread`` (all coordinates), if need be without a
+        run."""
+        spread = spread[self.layout.shared]
+        square, product, length = self._sums
+        if without is not None:
+            gone = self.seen[without]
+            square, product = square - gone.slopes.capped, product - gone.capped
+            length = length - gone.length - gone.slopes.log_determinant
+        factor = cho_factor(np.eye(spread.size) + spread[:, None] * square * spread, lower=True)
         scaled = cho_solve(factor, spread * product)
         log_evidence = -0.5 * (length - float((spread * product) @ scaled)) - float(
             np.sum(np.log(np.diag(factor[0]))))
@@ -74,24 +170,16 @@ class Linear:
     def held_out(self, spread: np.ndarray) -> np.ndarray:
         """Log density of every run, predicted from the others."""
         everything = self.posterior(spread).log_evidence
-        runs = set(range(len(self.squares)))
-        return np.array([everything - self.posterior(spread, runs - {r}).log_evidence for r in sorted(runs)])
-
-    def blocks(self, spread: np.ndarray, run: int, length: int) -> np.ndarray:
-        """Squared whitened error of a run predicted from the others, summed over blocks of samples."""
-        others = set(range(len(self.squares))) - {run}
-        error = self.targets[run] - self.jacobians[run] @ self.posterior(spread, others).mean
-        whole = error.size // length * length
-        return np.sum(error[:whole].reshape(-1, length) ** 2, axis=1)
+        return np.array([everything - self.posterior(spread, run).log_evidence for run in range(len(self.seen))])
 
     def separation(self, change: np.ndarray, spread: np.ndarray) -> float:
         """How far data changed by ``change`` of the coordinates are from what ``spread`` allows [sigma].
 
-        The change itself included: coordinates that are wide in ``spread`` imitate it as well as they can.
+        Coordinates that are wide in ``spread`` imitate the change as well as they can.
         """
-        square = sum(self.squares)
-        shifted = square @ change
+        square, shared = self._sums[0], self.layout.shared
+        shifted, spread = square @ change[shared], spread[shared]
         matrix = np.eye(spread.size) + spread[:, None] * square * spread
         inner = spread * shifted
-        distance = float(change @ shifted - inner @ np.linalg.solve(matrix, inner))
+        distance = float(change[shared] @ shifted - inner @ np.linalg.solve(matrix, inner))
         return float(np.sqrt(max(distance, 0.0)))

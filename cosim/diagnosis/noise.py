@@ -1,57 +1,24 @@
-"""What is left when a model is right: noise that is coloured, and larger where the driveline is touchy.
+"""What is left when a model is right: the sensors' noise, and an engine torque that wanders.
 
-Two things make it. Sensors: noise and resolution, white, read off the recordings. And the engine torque,
-which a control unit estimates and which wanders about that estimate: a newton metre more or less while the
-lash is crossed gently moves the landing by tens of milliseconds, and everything after it. How much, and
-where, is simulated: an ensemble of runs with such torques gives every channel's scale over time and its
-colour before anything is fitted, the same for every supposition. Only a factor on each channel then comes
-from what the best model leaves.
+Sensors: noise and resolution, white, read off the recordings. The engine torque is what a control unit
+estimates; the true one wanders about it. What that does to each channel, and where, is simulated; it is largest
+where the lash is crossed gently.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
 
 import numpy as np
-from scipy.linalg import solve_toeplitz
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter
 
 from cosim.diagnosis.plants import Run
 
-TEMPERATURE = 2.0  # residuals of a plant of another structure are more alike than any colour says
 WANDER, WANDER_TIME = 1.0, 0.1  # of the true torque about its estimate: N.m, s
-_ORDERS = 6
-_WINDOW = 0.25  # s: over which scales are averaged
-
-
-@dataclass(frozen=True)
-class Colour:
-    """The noise of one channel.
-
-    Attributes:
-        floor: Standard deviation of what changes from sample to sample, in the channel's unit.
-        taps: Autoregressive whitening filter, the first 1.
-        innovation: Standard deviation of its output, where the scale is 1.
-        factor: On all of it, from what the best model leaves; at least 1.
-    """
-
-    floor: float
-    taps: np.ndarray = field(repr=False)
-    innovation: float
-    factor: float = 1.0
-
-    def white(self, standard: np.ndarray) -> np.ndarray:
-        """Values in units of the scale, whitened; what starts the filter becomes 0."""
-        white = lfilter(self.taps, [1.0], standard, axis=0) / (self.innovation * self.factor)
-        white[:self.taps.size - 1] = 0.0
-        return white
-
-    @property
-    def sample_share(self) -> float:
-        """News a sample brings on the mean: effective sample size over number of samples."""
-        return float(min(1.0, np.sum(self.taps) ** 2 / self.innovation**2))
+_LOST = 3.0  # times the usual distance: from there on samples hardly count
+_TAIL = 2.0  # times the usual scale: from there on errors are no more surprising than their logarithm
+_WINDOW = 0.3  # s: over which scales are averaged
 
 
 def floor(values: np.ndarray) -> float:
@@ -79,97 +46,113 @@ def wander(count: int, step: float, random: np.random.Generator) -> np.ndarray:
 
 
 class Noise:
-    """The noise of every channel of every run.
+    """How large the residuals of a good model are, sample by sample.
+
+    The sensors' floor, and what the best model at hand leaves beyond it: locally, because a plant of another
+    structure errs where flanks meet. Where that is alike from sample to sample, fewer of them count.
 
     Args:
         runs: The runs; their measured values say the floors.
-        ensembles: For every run, several stacked deviations of its channels with wandering torques from the
-            one without.
+        residuals: Stacked, what the best model leaves in each.
+        swayed: Stacked, how far every sample strays because the torque wanders.
     """
 
-    def __init__(self, runs: Sequence[Run], ensembles: Sequence[Sequence[np.ndarray]]) -> None:
-        self.runs, self.temperature = list(runs), TEMPERATURE
-        self._scales: list[dict[str, np.ndarray]] = [{} for _ in runs]
-        names = dict.fromkeys(name for run in runs for name in run.clocks)
-        self.colours = {name: self._colour(name, ensembles) for name in names}
+    def __init__(self, runs: Sequence[Run], residuals: Sequence[np.ndarray],
+                 swayed: Sequence[np.ndarray]) -> None:
+        self.runs = list(runs)
+        self.floors = floors(runs)
+        self.least = least = [
+            np.concatenate([np.hypot(self.floors[name], sway[place]) for name, place in run.slices.items()])
+            for run, sway in zip(runs, swayed)]
+        local = [_local(run, residual) for run, residual in zip(runs, residuals)]
+        self._base = [np.maximum(a, b) for a, b in zip(local, least)]
+        lost = _lost(runs, [a / b for a, b in zip(local, least)])
+        self.excess = [{name: float(np.mean(np.log(base[place] / low[place]))) for name, place in run.slices.items()}
+                       for run, base, low in zip(runs, self._base, least)]
+        standard = [e / scale for e, scale in zip(residuals, self._base)]
+        alike = {name: np.sqrt(_correlation_time([standard[r][run.slices[name]] for r, run in enumerate(runs)
+                                                  if name in run.clocks])) for name in self.floors}
+        # by how much more a sample's error may be for what it tells
+        self._vague = [factor * np.concatenate([np.full(clock.size, alike[name]) for name, clock in run.clocks.items()])
+                       for run, factor in zip(runs, lost)]
 
-    def _colour(self, name: str, ensembles: Sequence[Sequence[np.ndarray]]) -> Colour:
-        random = np.random.default_rng(len(name))
-        there = [i for i, run in enumerate(self.runs) if name in run.clocks]
-        white = float(np.median([floor(self.runs[i].measured[name]) for i in there]))
-        standard = []
-        for i in there:
-            clock, place = self.runs[i].clocks[name], self.runs[i].slices[name]
-            deviations = np.array([deviation[place] for deviation in ensembles[i]])
-            count = max(3, round(_WINDOW / float(np.median(np.diff(clock)))))
-            square = uniform_filter1d(np.mean(deviations**2, axis=0), count, mode="nearest")
-            scale = self._scales[i][name] = np.sqrt(white**2 + np.maximum(square, 0.0))
-            standard += [(d + white * random.standard_normal(d.size)) / scale for d in deviations]
-        return Colour(white, *_autoregression(standard))
+    @property
+    def scales(self) -> list[np.ndarray]:
+        """Standard deviation of every sample of each run, for a sum of squares."""
+        return [a * b for a, b in zip(self._base, self._vague)]
 
-    def fitted(self, residuals: Sequence[np.ndarray]) -> Noise:
-        """The same noise, as much larger in each channel as the residuals of a model ask for."""
-        squares: dict[str, list[np.ndarray]] = {}
-        plain = {name: replace(colour, factor=1.0) for name, colour in self.colours.items()}
-        for i, (run, residual) in enumerate(zip(self.runs, residuals)):
-            for name, place in run.slices.items():
-                squares.setdefault(name, []).append(
-                    plain[name].white(residual[place] / self._scales[i][name]) ** 2)
-        result = object.__new__(Noise)
-        result.runs, result._scales, result.temperature = self.runs, self._scales, self.temperature
-        result.colours = {}
-        for name, found in squares.items():
-            values = np.concatenate(found)
-            # the mean without the largest hundredth: a gap in the torque's log is no noise
-            mean = float(np.mean(np.minimum(values, np.percentile(values, 99.0))))
-            result.colours[name] = replace(self.colours[name], factor=max(1.0, np.sqrt(mean)))
-        return result
+    def heavy(self, residuals: Sequence[np.ndarray]) -> tuple[Noise, float]:
+        """This noise as it is for a supposition that leaves other residuals: with a heavy tail.
+
+        Where they are locally more than ``_TAIL`` times as large as they should be, the scale is as much larger,
+        at the price of its logarithm: one flank that meets at another time does not decide alone.
+
+        Returns:
+            The noise, and what it costs of the log likelihood.
+        """
+        result, cost = object.__new__(Noise), 0.0
+        result.runs, result.floors, result._vague, result._base = self.runs, self.floors, self._vague, []
+        for run, residual, base, vague in zip(self.runs, residuals, self._base, self._vague):
+            factor = np.maximum(1.0, _local(run, residual) / (_TAIL * base))
+            result._base.append(base * factor)
+            cost += float(np.sum(np.log(factor) / vague**2))
+        return result, cost
 
     @property
     def size(self) -> float:
         """Logarithm of the noise's determinant: the less a model leaves unexplained, the smaller."""
-        return sum(clock.size * np.log(self.colours[name].factor)
-                   for run in self.runs for name, clock in run.clocks.items())
-
-    def scale(self, run: int, name: str) -> np.ndarray:
-        """Standard deviation of a channel's noise over the samples of a run, in its unit."""
-        return self._scales[run][name] * self.colours[name].factor
+        return float(sum(np.sum(np.log(base)) for base in self._base))
 
     def whiten(self, run: int, stacked: np.ndarray) -> np.ndarray:
-        """Stacked values of one run, or columns of them, made unit white noise if they are noise."""
-        result = np.zeros_like(stacked, dtype=np.float64)
-        columns = (slice(None), *(None,) * (stacked.ndim - 1))
-        for name, place in self.runs[run].slices.items():
-            result[place] = self.colours[name].white(stacked[place] / self._scales[run][name][columns])
-        return result
-
-    def drawn(self, run: int, random: np.random.Generator) -> np.ndarray:
-        """Stacked noise of one run."""
-        result = np.zeros(sum(clock.size for clock in self.runs[run].clocks.values()))
-        for name, place in self.runs[run].slices.items():
-            colour = self.colours[name]
-            white = colour.innovation * random.standard_normal(place.stop - place.start)
-            result[place] = self.scale(run, name) * lfilter([1.0], colour.taps, white)
-        return result
-
-    def floors(self) -> Mapping[str, float]:
-        """The noise floor of each channel, in its unit: sensors, and what the wandering torque adds."""
-        return {name: float(np.sqrt(np.mean(np.concatenate(
-            [self._scales[i][name] for i, run in enumerate(self.runs) if name in run.clocks]) ** 2)))
-            for name in self.colours}
+        """Stacked values of a run, or columns of them, in units of the noise."""
+        scale = self._base[run] * self._vague[run]
+        return stacked / (scale[:, None] if stacked.ndim == 2 else scale)
 
 
-def _autoregression(pieces: Sequence[np.ndarray]) -> tuple[np.ndarray, float]:
-    """Whitening taps and innovation of pooled series, the order by BIC."""
-    count = sum(piece.size for piece in pieces)
-    lags = np.array([sum(float(piece[:piece.size - lag] @ piece[lag:]) for piece in pieces) / count
-                     for lag in range(_ORDERS + 1)])
-    lags[0] *= 1.0 + 1e-6
-    best = (count * np.log(lags[0]), np.ones(1), np.sqrt(lags[0]))
-    for order in range(1, _ORDERS + 1):
-        ahead = solve_toeplitz(lags[:order], lags[1:order + 1])
-        variance = max(float(lags[0] - ahead @ lags[1:order + 1]), 1e-9 * lags[0])
-        score = count * np.log(variance) + order * np.log(count)
-        if score < best[0]:
-            best = (score, np.concatenate([[1.0], -ahead]), np.sqrt(variance))
-    return best[1], float(best[2])
+def _local(run: Run, residual: np.ndarray) -> np.ndarray:
+    """Root mean square of a stacked residual around every sample."""
+    found = np.empty(residual.size)
+    for name, place in run.slices.items():
+        count = max(3, round(_WINDOW / float(np.median(np.diff(run.clocks[name])))))
+        found[place] = np.sqrt(uniform_filter1d(residual[place] ** 2, count, mode="nearest"))
+    return found
+
+
+def _lost(runs: Sequence[Run], ratios: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Factors on the scale of every sample, large where measured and simulated became different stories.
+
+    A flank that meets too late, a lash that is crossed in the one and not in the other: from there on a run
+    tells nothing until they agree again. That is where all channels together are much farther apart than they
+    usually are.
+    """
+    grids = [np.arange(run.start, run.time[-1] + _WINDOW, _WINDOW / 3.0) for run in runs]
+    apart = []
+    for run, ratio, grid in zip(runs, ratios, grids):
+        rows = [np.interp(grid, clock, ratio[run.slices[name]]) for name, clock in run.clocks.items()]
+        apart.append(np.sqrt(np.mean(np.square(rows), axis=0)))
+    usual = max(1.0, float(np.median(np.concatenate(apart))))
+    factors = []
+    for run, grid, rho in zip(runs, grids, apart):
+        factor = np.sqrt(1.0 + (rho / (_LOST * usual)) ** 8)
+        factors.append(np.concatenate([np.interp(clock, grid, factor) for clock in run.clocks.values()]))
+    return factors
+
+
+def floors(runs: Sequence[Run]) -> dict[str, float]:
+    """Standard deviation of each channel's white noise [its unit]."""
+    names = dict.fromkeys(name for run in runs for name in run.clocks)
+    return {name: float(np.median([floor(run.measured[name]) for run in runs if name in run.clocks]))
+            for name in names}
+
+
+def _correlation_time(pieces: Sequence[np.ndarray]) -> float:
+    """How many samples say what one independent sample would, at least 1."""
+    length = min(piece.size for piece in pieces) // 3
+    power = sum(float(piece @ piece) for piece in pieces)
+    total = 1.0
+    for lag in range(1, length):
+        share = sum(float(piece[:-lag] @ piece[lag:]) for piece in pieces) / power
+        if share < 0.05:
+            break
+        total += 2.0 * share
+    return total

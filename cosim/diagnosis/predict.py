@@ -1,8 +1,9 @@
 """Predictions and their sensitivities over all runs, for any mixture of effects and nuisances.
 
-Everything that may be estimated is a ``Coordinate``: the parameters of every effect of the catalogue, and
-of every run what differs from run to run. A vector of coordinates is what fits and evidence work on; 0
-everywhere is the vehicle file.
+Everything that may be estimated is a ``Coordinate``; a vector of them is what fits and evidence work on, and 0
+everywhere is the vehicle file. Some belong to all runs: the parameters of the catalogue's effects, and the
+other numbers of the file, which are known to some per cent only. Some belong to one run: its start speed,
+slope and torque bias, and the two components of what swings with an angle whose phase nobody knows.
 """
 
 from __future__ import annotations
@@ -23,16 +24,18 @@ from driveline.quantities import InputError
 
 # What differs from run to run: standard deviation, step of the differences.
 RUN_NUISANCES = {"start_speed": (0.3, 0.02), "grade": (0.001, 5e-4), "torque": (1.0, 0.5)}
-_PHASE = (2.0, 0.2)
-_HEALTHY = 0.04  # by how much other numbers of the file are wrong, one sigma of the logarithm
+HEALTHY = 0.04  # by how much other numbers of the file are wrong, one sigma of the logarithm
+# What the catalogue can name is right in a healthy car but for this share of what shows.
+TOLERANCE = 0.25
+_STEP = 0.25  # of differences, in detection limits
 # Numbers of the file that no effect of the catalogue moves alone, but that are no better known.
 _FILE = ("converter.impeller_inertia", "converter.turbine_inertia", "lockup_clutch.plate_inertia",
          "transmission.inertia[*]", "propeller_shaft.inertia", "final_drive.ring_inertia",
          "damper.stiffness", "transmission.stiffness", "final_drive.mesh_stiffness", "axle_shaft.inertia",
          "tyre.relaxation_length", "seat.mass", "seat.stiffness", "seat.damping",
          "differential_case.inertia", "differential_case.stiffness", "differential_case.damping",
-         "suspension.damping", "engine.air_lag", "engine.accessory_torque", "engine.friction_constant",
-         "final_drive.loss_constant")
+         "differential_case.lever_arm", "suspension.damping", "transmission.input_inertia", "engine.air_lag",
+         "engine.accessory_torque", "engine.friction_constant", "engine.friction_viscous", "final_drive.loss_constant")
 
 
 @dataclass(frozen=True)
@@ -40,18 +43,23 @@ class Coordinate:
     """One number that may be estimated; it is 0 at the vehicle file.
 
     Attributes:
-        name: Of the effect's parameter, or of the nuisance.
+        name: Of the effect's parameter, of the file's number, or of the nuisance.
         effect: The effect it belongs to; empty for a nuisance.
+        cause: What may be supposed to be wrong: the effect, or ``EFFECT:PARAMETER`` where it has several that
+            mean something alone.
         run: The run it belongs to, or None for all.
         parameter: What it does; None for nuisances of a run.
         tolerance: Standard deviation in a healthy car.
         spread: Standard deviation where it is the cause.
         step: For finite differences.
         low, high: Plausible range.
+        phase: Value that holds the phase, for a component of a swing.
+        part: Which: 0 the cosine's, 1 the sine's.
     """
 
     name: str
     effect: str
+    cause: str
     run: int | None
     parameter: EffectParameter | None
     tolerance: float
@@ -59,43 +67,48 @@ class Coordinate:
     step: float
     low: float = -np.inf
     high: float = np.inf
+    phase: str = ""
+    part: int = 0
 
-
-def tolerance(parameter: EffectParameter) -> float:
-    """By how much a parameter of a healthy car differs from its vehicle file (one sigma).
-
-    What the catalogue can name is right in the file but for what cannot be noticed.
-    """
-    return parameter.detection / 5.0
+    @property
+    def nuisance(self) -> bool:
+        """Whether it is a run's own and no effect's."""
+        return self.run is not None and not self.effect
 
 
 def coordinates(car: FullOrderCar, runs: Sequence[Run],
                 effects: Mapping[str, Effect] = CATALOGUE) -> list[Coordinate]:
-    """All coordinates that can do anything to these runs: effects first, then nuisances."""
+    """All coordinates that can do anything to these runs: effects first, then the file, then nuisances."""
     found = []
     channels = {name for run in runs for name in run.clocks}
-    inputs = {f"input.{name}." for name in ("engine_torque", "road_grade", "brake_torque")}
     for effect in effects.values():
         if not all(car.knows(name) for name in effect.changes({}, car.values)):
             continue
+        swings = dict(zip((p.name for p in effect.parameters), effect.nuisances))
         for p in effect.parameters:
-            if not _visible(p, channels, inputs):
+            if not _visible(p, channels):
+                continue
+            healthy = TOLERANCE * p.detection
+            alone = len(effect.parameters) > 1 and not effect.joint
+            cause = f"{effect.name}:{p.name}" if alone else effect.name
+            if p.name in swings:
+                for r, run in enumerate(runs):
+                    if not _visible(p, set(run.clocks)):
+                        continue
+                    found += [Coordinate(p.name, effect.name, cause, r, p, healthy, p.spread, p.detection,
+                                         -p.limits[1], p.limits[1], swings[p.name], part) for part in (0, 1)]
                 continue
             low, high = (np.log(max(x, 1e-3)) if p.scale == "log" else x for x in p.limits)
-            found.append(Coordinate(p.name, effect.name, None, p, tolerance(p), p.spread,
-                                    0.1 * p.detection, float(low), float(high)))
+            found.append(Coordinate(p.name, effect.name, cause, None, p, healthy, p.spread, _STEP * p.detection,
+                                    float(low), float(high)))
     for name in _FILE:
         if any(car.values.get(n, 0.0) for n in _entries(name, car.values)):
-            p = factor(name, name, unit="1", meaning="known to some per cent only", spread=_HEALTHY,
-                       limits=(0.8, 1.25), detection=2.0 * _HEALTHY)
-            found.append(Coordinate(name, "", None, p, _HEALTHY, _HEALTHY, 0.01, -0.2, 0.2))
-    for i in range(len(runs)):
-        for name, (spread, step) in RUN_NUISANCES.items():
-            found.append(Coordinate(name, "", i, None, spread, spread, step))
-        for effect in effects.values():
-            for name in effect.nuisances:
-                if any(c.effect == effect.name for c in found):
-                    found.append(Coordinate(name, effect.name, i, None, 0.0, *_PHASE))
+            p = factor(name, name, unit="1", meaning="known to some per cent only", spread=HEALTHY,
+                       limits=(0.8, 1.25), detection=2.0 * HEALTHY)
+            found.append(Coordinate(name, "", "", None, p, HEALTHY, HEALTHY, 0.02, -0.2, 0.2))
+    for r in range(len(runs)):
+        found += [Coordinate(name, "", "", r, None, spread, spread, step)
+                  for name, (spread, step) in RUN_NUISANCES.items()]
     return found
 
 
@@ -103,12 +116,7 @@ def _entries(name: str, values: Mapping[str, float]) -> list[str]:
     return [n for n in values if n.startswith(name[:-2])] if name.endswith("[*]") else [name]
 
 
-def _instrument(coordinate: Coordinate) -> bool:
-    return coordinate.parameter is not None and all(
-        name.startswith("observe.") for name in coordinate.parameter.targets)
-
-
-def _visible(parameter: EffectParameter, channels: set[str], inputs: set[str]) -> bool:
+def _visible(parameter: EffectParameter, channels: set[str]) -> bool:
     """Whether a parameter of sensors has a sensor that was recorded."""
     shown = [t.split(".")[1] for t in parameter.targets if t.startswith("observe.")]
     return not shown or bool(channels & set(shown))
@@ -144,99 +152,129 @@ class Predictor:
             self._pool.shutdown(cancel_futures=True)
             self._pool = None
 
-    def index(self, effect: str) -> list[int]:
-        """Where the parameters of an effect are among the coordinates."""
-        return [i for i, c in enumerate(self.coordinates) if c.effect == effect and c.parameter is not None]
+    def index(self, cause: str) -> list[int]:
+        """Where the parameters of a cause are among the coordinates."""
+        return [i for i, c in enumerate(self.coordinates) if c.cause == cause]
 
     def values(self, u: np.ndarray, run: int) -> tuple[dict[str, float], Nuisance]:
         """The values and nuisances that a vector of coordinates stands for in one run."""
         sizes: dict[str, dict[str, float]] = {}
+        swings: dict[tuple[str, str, str], complex] = {}
         own: dict[str, float] = {}
-        phases: dict[str, float] = {}
         values = dict(self.car.values)
         for c, x in zip(self.coordinates, u):
-            if c.parameter is not None and not c.effect:
-                if x != 0.0:
-                    values |= scaled((c.parameter,), {c.name: c.parameter.size(float(x))}, values)
-            elif c.parameter is not None:
-                if x != 0.0:
-                    sizes.setdefault(c.effect, {})[c.parameter.name] = c.parameter.size(
-                        float(np.clip(x, c.low, c.high)))
-            elif c.run == run:
-                (phases if c.effect else own)[c.name] = float(x)
+            if c.run is not None and c.run != run:
+                continue
+            if c.parameter is None:
+                own[c.name] = float(x)
+            elif x == 0.0:
+                continue
+            elif not c.effect:
+                values |= scaled((c.parameter,), {c.name: c.parameter.size(float(x))}, values)
+            elif c.phase:
+                key = (c.effect, c.name, c.phase)
+                swings[key] = swings.get(key, 0.0) + float(x) * (1.0, 1.0j)[c.part]
+            else:
+                size = c.parameter.size(float(np.clip(x, c.low, c.high)))
+                sizes.setdefault(c.effect, {})[c.name] = size
+        for (effect, name, phase), swing in swings.items():
+            sizes.setdefault(effect, {})[name] = abs(swing)
+            values[phase] = float(np.angle(swing))
         for name, given in sizes.items():
             values |= CATALOGUE[name].changes(given, values)
-        for name, x in phases.items():
-            values[name] = values.get(name, 0.0) + x
         return values, Nuisance(**own)
 
-    def predict(self, u: np.ndarray, run: int, seed: int | None = None) -> np.ndarray | None:
+    def predict(self, u: np.ndarray, run: int, change: int | tuple[str, np.ndarray] | None = None) -> np.ndarray | None:
         """What the channels of a run should read, stacked; None where the plant refuses these values.
 
-        With a seed the engine torque wanders about its estimate, in a way of its own for every seed.
+        Args:
+            u: Coordinates.
+            run: Which run.
+            change: A seed: the engine torque wanders about its estimate, in a way of its own for every seed. A
+                balance of the driveline and a torque at every step: that acts on it.
         """
         values, nuisance = self.values(u, run)
-        key = (run, nuisance, tuple(v for name, v in values.items() if not name.startswith("observe.")))
-        raw = self._raw.get(key) if seed is None else None
-        if raw is None:
-            self.simulations += 1
+        here = self.runs[run]
+        if isinstance(change, tuple):
             try:
-                torque = 0.0 if seed is None else wander(
-                    len(self.runs[run].inputs), STEP, np.random.default_rng([seed, run]))
-                found = self.car.raw(values, self.runs[run], nuisance, torque)
+                return self.car.instruments(self.car.pushed(values, here, nuisance, *change), values, here)
             except (ArithmeticError, InputError):
                 return None
-            raw = {name: found[name] for name in self._shown}
-            if seed is None:
-                self._raw[key] = raw
-            while len(self._raw) > 4 * len(self.runs):
+        seed = change
+        key = (run, seed, nuisance, self._led(values, here),
+               tuple(v for name, v in values.items() if not name.startswith("observe.")))
+        raw = self._raw.get(key)
+        if raw is None:
+            self.simulations += 1
+            torque = 0.0
+            if seed is not None:
+                torque = wander(len(here.inputs), STEP, np.random.default_rng([seed, run]))
+            try:
+                found = self.car.raw(values, here, nuisance, torque)
+            except (ArithmeticError, InputError):
+                return None
+            raw = self._raw[key] = {name: found[name] for name in self._shown}
+            while len(self._raw) > 4:
                 self._raw.popitem(last=False)
-        return self.car.instruments(raw, values, self.runs[run])
+        return self.car.instruments(raw, values, here)
+
+    @staticmethod
+    def _led(values: Mapping[str, float], run: Run) -> tuple[float, ...]:
+        """What the instruments that lead the simulation make of it."""
+        return tuple(v for name, v in values.items()
+                     if name.startswith("observe.") and name.split(".")[1] in run.anchors)
 
     def many(self, jobs: Iterable[tuple]) -> list[np.ndarray | None]:
         """``predict`` for many of its arguments, in their order."""
         jobs = list(jobs)
         if self._pool is None:
             return [self.predict(*job) for job in jobs]
-        chunk = max(1, len(jobs) // (3 * self.workers))
+        chunk = max(1, len(jobs) // (6 * self.workers))
         return list(self._pool.map(_predict, jobs, chunksize=chunk))
 
-    def all_runs(self, u: np.ndarray) -> list[np.ndarray] | None:
-        """The predictions of every run; None where one fails."""
-        found = self.many([(u, run) for run in range(len(self.runs))])
+    def all_runs(self, points: Sequence[np.ndarray]) -> list[np.ndarray] | None:
+        """The predictions of every run, each at its own vector of coordinates; None where one fails."""
+        found = self.many([(u, run) for run, u in enumerate(points)])
         return None if any(y is None for y in found) else found
 
-    def ensembles(self, u: np.ndarray, predicted: Sequence[np.ndarray], count: int) -> list[list[np.ndarray]]:
-        """For every run, deviations from ``predicted`` where the torque wanders about its estimate."""
-        runs = range(len(self.runs))
-        found = self.many([(u, run, seed) for run in runs for seed in range(count)])
-        return [[y - predicted[run] for y in found[run * count:(run + 1) * count] if y is not None]
-                for run in runs]
+    def jacobian(self, points: Sequence[np.ndarray], predicted: Sequence[np.ndarray],
+                 columns: Sequence[int]) -> list[np.ndarray]:
+        """Derivatives of the stacked predictions of every run by some coordinates (samples x columns).
 
-    def jacobian(self, u: np.ndarray, predicted: Sequence[np.ndarray],
-                 columns: Sequence[int] | None = None) -> list[np.ndarray]:
-        """Derivatives of the stacked predictions of every run by the coordinates (samples x columns).
-
-        One-sided differences, away from a limit of the plausible range.
+        One-sided differences, away from a limit of the plausible range. Columns of another run are 0.
         """
-        columns = range(len(self.coordinates)) if columns is None else columns
-        jobs, places = [], []
+        jobs: list[tuple[np.ndarray, int]] = []
+        places: list[tuple[int, int, float]] = []
         # what only instruments feel needs no new simulation: side by side they share one
         order = sorted(range(len(columns)), key=lambda k: not _instrument(self.coordinates[columns[k]]))
-        result = [np.zeros((y.size, len(columns))) for y in predicted]
-        for place in order:
-            column = columns[place]
-            c = self.coordinates[column]
-            step = c.step if u[column] + c.step <= c.high else -c.step
-            moved = u.copy()
-            moved[column] += step
-            for run in range(len(self.runs)) if c.run is None else (c.run,):
+        result = [np.zeros((y.size, len(columns)), dtype=np.float32) for y in predicted]
+        for run, u in enumerate(points):
+            for place in order:
+                column = columns[place]
+                c = self.coordinates[column]
+                if c.run not in (None, run):
+                    continue
+                step = c.step if u[column] + c.step <= c.high else -c.step
+                moved = u.copy()
+                moved[column] += step
                 jobs.append((moved, run))
                 places.append((run, place, step))
         for (run, place, step), y in zip(places, self.many(jobs)):
             if y is not None:
                 result[run][:, place] = (y - predicted[run]) / step
         return result
+
+    def swayed(self, points: Sequence[np.ndarray], predicted: Sequence[np.ndarray], count: int) -> list[np.ndarray]:
+        """How far every sample strays, root mean square, because the torque wanders about its estimate."""
+        jobs = [(u, run, seed) for run, u in enumerate(points) for seed in range(count)]
+        found = self.many(jobs)
+        return [np.sqrt(np.mean([(y - predicted[run]) ** 2 for y in found[run * count:(run + 1) * count]
+                                 if y is not None], axis=0)) for run in range(len(points))]
+
+
+def _instrument(coordinate: Coordinate) -> bool:
+    return coordinate.parameter is not None and all(
+        name.startswith("observe.") for name in coordinate.parameter.targets)
 
 
 _OWN: Predictor | None = None  # of a worker process

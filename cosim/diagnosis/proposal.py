@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cosim.diagnosis.catalogue import CATALOGUE
+from cosim.diagnosis.evidence import HETEROGENEITY
+from cosim.diagnosis.identify import Fit
 from cosim.diagnosis.noise import Noise
 from cosim.diagnosis.plants import SETTLE, STEP, FullOrderCar, Nuisance, Run
+from cosim.diagnosis.plants.car import ANCHORS
+from cosim.diagnosis.predict import RUN_NUISANCES, Predictor
 from driveline.quantities import InputError
 
 DURATION = 7.0
@@ -25,7 +29,9 @@ _PROFILES = {
     "cruise": ((0.0, 0.2), (7.0, 0.2)),
 }
 _GEARS = (3, 5, 7)
-_TORQUES = (120.0, 250.0)
+_TORQUES = (120.0, 220.0)
+_ENGINE_SPEED = 150.0  # rad/s at the start
+_VAGUE = 3.0  # on the floor of every channel: that residuals are alike from sample to sample
 
 
 @dataclass(frozen=True)
@@ -44,27 +50,26 @@ class Proposal:
     separation_sigma: float
 
 
-def propose(car: FullOrderCar, noise: Noise, one: Mapping[str, float], other: Mapping[str, float],
-            example: Run, engine_speed: float = 150.0) -> Proposal | None:
-    """The candidate that separates two sets of values best.
+def propose(predictor: Predictor, noise: Noise, one: Fit, other: Fit) -> Proposal | None:
+    """The candidate that separates two suppositions best, or None where none can be driven.
 
     Args:
-        car: The plant.
-        noise: Of the channels, as far as the recordings showed it.
-        one, other: Complete values under the two causes.
-        example: A run with the channels that can be recorded.
+        predictor: Of the recordings; its first run has the channels that can be recorded.
+        noise: Its floors.
+        one, other: What cannot be told apart by the recordings.
     """
+    car = predictor.car
     best = None
     for (kind, corners), gear, torque in itertools.product(_PROFILES.items(), _GEARS, _TORQUES):
         if kind in ("coast_down", "cruise") and torque != _TORQUES[0]:
             continue
-        if not car.values.get(f"transmission.ratio[{gear + 2}]", 0.0) > 0.0:
+        ratio = car.values.get(f"transmission.ratio[{gear + 2}]", 0.0) * car.values["final_drive.ratio"]
+        if not ratio > 0.0:
             continue
-        speed = engine_speed / (car.values["final_drive.ratio"] * car.values[f"transmission.ratio[{gear + 2}]"]
-                                ) * car.values["tyre.radius"]
-        run = _candidate(car, example, kind, corners, gear, torque, speed)
+        speed = _ENGINE_SPEED / ratio * car.values["tyre.radius"]
+        run = _candidate(car, predictor.runs[0], kind, corners, gear, torque, speed)
         try:
-            separation = _separation(car, noise, run, one, other)
+            separation = _separation(predictor, noise.floors, run, one, other)
         except (ArithmeticError, InputError):
             continue
         if best is None or separation > best.separation_sigma:
@@ -76,33 +81,57 @@ def _candidate(car: FullOrderCar, example: Run, kind: str, corners: Sequence[tup
                torque: float, speed: float) -> Run:
     time = STEP * np.arange(round(DURATION / STEP))
     inputs = np.tile(car.idle_inputs, (time.size, 1))
-    inputs[:, 0] = torque * np.interp(time, *np.array(corners).T)
-    inputs[:, 2] = gear
+    inputs[:, car.columns["engine_torque"]] = torque * np.interp(time, *np.array(corners).T)
+    inputs[:, car.columns["gear"]] = gear
     clocks = {name: np.arange(SETTLE, DURATION - 2 * STEP, float(np.median(np.diff(clock))))
               for name, clock in example.clocks.items()}
     return Run(kind, kind, gear, 0.0, inputs, speed, clocks, {})
 
 
-def _separation(car: FullOrderCar, noise: Noise, run: Run, one: Mapping[str, float],
-                other: Mapping[str, float]) -> float:
-    """Distance of the two predictions in sigma, start speed, grade and torque bias projected out."""
-    base = car.predict(one, run)
-    nuisances = [Nuisance(start_speed=0.1), Nuisance(grade=1e-3), Nuisance(torque=1.0)]
-    columns = np.column_stack([car.predict(one, run, nuisance) - base for nuisance in nuisances])
-    difference = car.predict(other, run) - base
-    white, design = np.empty_like(difference), np.empty_like(columns)
-    for name, place in run.slices.items():
-        scale, colour = noise.floors()[name], noise.colours[name]
-        white[place] = colour.white(difference[place] / scale)
-        design[place] = colour.white(columns[place] / scale)
-    coefficients = np.linalg.solve(design.T @ design + np.eye(3), design.T @ white)
-    return float(np.sqrt(max(white @ white - (design.T @ white) @ coefficients, 0.0) / noise.temperature))
+def _separation(predictor: Predictor, floors: Mapping[str, float], run: Run, one: Fit, other: Fit) -> float:
+    """Distance of the two predictions in sigma; what the run's nuisances, the heterogeneity of the one's
+    parameters, and any other size of the other's can imitate does not count."""
+    car = predictor.car
+    mine, theirs = _values(predictor, one), _values(predictor, other)
+    raw = car.raw(mine, run)
+    # what would be measured leads all simulations, as it will when the recording is diagnosed
+    run = replace(run, anchors={name: (run.time, raw[name]) for name in ANCHORS if name in run.clocks})
+    base = car.predict(mine, run)
+    columns = [car.predict(mine, run, Nuisance(**{name: step})) - base for name, (_, step) in RUN_NUISANCES.items()]
+    widths = [spread / step for spread, step in RUN_NUISANCES.values()]
+    difference = car.predict(theirs, run) - base
+    for fit, wide in ((one, False), (other, True)):
+        for cause in fit.causes:
+            for i in predictor.index(cause):
+                c = predictor.coordinates[i]
+                if c.run is not None:
+                    continue
+                moved = car.predict(_values(predictor, fit, i, c.step), run)
+                columns.append(moved - (difference + base if wide else base))
+                widths.append((c.spread if wide else HETEROGENEITY * c.parameter.detection) / c.step)
+    scale = np.concatenate([np.full(clock.size, _VAGUE * floors[name]) for name, clock in run.clocks.items()])
+    white = difference / scale
+    design = np.column_stack(columns) / scale[:, None] * np.array(widths)
+    inner = design.T @ white
+    imitated = inner @ np.linalg.solve(design.T @ design + np.eye(inner.size), inner)
+    return float(np.sqrt(max(white @ white - imitated, 0.0)))
+
+
+def _values(predictor: Predictor, fit: Fit, moved: int | None = None, step: float = 0.0) -> dict[str, float]:
+    """Values with the supposed causes in them and nothing else changed, one coordinate moved."""
+    point = np.zeros(len(predictor.coordinates))
+    for cause in fit.causes:
+        for i in predictor.index(cause):
+            point[i] = fit.shared[i]
+    if moved is not None:
+        point[moved] += step
+    return predictor.values(point, 0)[0]
 
 
 def words(proposal: Proposal, one: Sequence[str], other: Sequence[str]) -> str:
     """Why it would help, in a sentence."""
     def name(effects: Sequence[str]) -> str:
-        return " with ".join(CATALOGUE[e].name.replace("_", " ") for e in effects)
+        return " with ".join(CATALOGUE[e].name.replace("_", " ") for e in effects) or "nothing wrong"
 
     return (f"{proposal.kind.replace('_', ' ')} in gear {proposal.gear} to {proposal.torque:.0f} N.m from "
             f"{3.6 * proposal.speed:.0f} km/h: {name(one)} and {name(other)} then differ by "

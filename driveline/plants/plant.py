@@ -289,6 +289,9 @@ class Plant(KernelModel):
         shape = speeds / speeds[body]
         stuck = [b for b, r in enumerate(rows) if r[k.LAW] == k.FRICTION and self.state[net.modes][b] == 0.0]
         slips = self.kinematics()[stuck]
+        n = int(net.plan[k.CONTINUOUS])
+        result = np.zeros(2 * n)
+        evaluate = self._rates_kernel.bind(self.state, net.plan, net.constants, net.work, self._inputs, result)
 
         def residual(x: np.ndarray) -> np.ndarray:
             self.state[unknown] = x[:-1]
@@ -296,7 +299,8 @@ class Plant(KernelModel):
                 self.state[first[b]] = self.state[first[b] + 1]
             for b, twist, width in staged:
                 self.state[net.modes][b] = np.sign(self.state[twist]) * (abs(self.state[twist]) > width)
-            rates, _ = self.rates()
+            evaluate()
+            rates = result[:n]
             return np.concatenate([rates[:n_nodes] - shape * x[-1], rates[twisted], rates[engine],
                                    slips @ self.state[:n_nodes]])
 
@@ -312,7 +316,7 @@ class Plant(KernelModel):
                 if np.abs(delta).max() < 1e-12 * (1.0 + np.abs(x).max()):
                     break
             residual(x)
-            _, torques = self.rates()
+            torques = result[n:n + len(net.branches)]
             wrong = [b for b in lashes if torques[b] * self.state[net.modes][b] < 0.0]
             for b in wrong:
                 self.state[net.modes][b] *= -1.0

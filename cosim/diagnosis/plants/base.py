@@ -86,6 +86,12 @@ class InstrumentedPlant:
             ArithmeticError: The simulation left the finite numbers.
             InputError: A value the plant refuses.
         """
+        inputs = self._prepared(values, run, nuisance, torque)
+        return self._named(self._plant.simulate(inputs, STEP, run.start))
+
+    def _prepared(self, values: Mapping[str, float], run: Run, nuisance: Nuisance,
+                  torque: np.ndarray | float) -> np.ndarray:
+        """The plant initialised for a run; returns its inputs."""
         plant = self._plant
         for name in self._parameters:
             plant.values[plant.index[name]] = values[name]
@@ -97,10 +103,20 @@ class InstrumentedPlant:
         if "road_grade" in columns:
             inputs[:, columns["road_grade"]] += nuisance.grade
         self._start(run, nuisance)
+        self._anchor(inputs, values, run)
         for name, i in columns.items():
             plant[name] = inputs[0, i]
-        plant.initialize()
-        table = plant.simulate(inputs, STEP, run.start)
+        for finer in (1.7, 3.0, 5.0, None):
+            try:
+                plant.initialize()
+                break
+            except InputError as error:  # stiffer or more damped than the file's: it takes shorter sub-steps
+                if finer is None or "maximum_substep" not in str(error):
+                    raise
+                plant["solver.maximum_substep"] = values["solver.maximum_substep"] / finer
+        return inputs
+
+    def _named(self, table: np.ndarray) -> dict[str, np.ndarray]:
         return {name: table[:, i] for i, name in enumerate(self._names)}
 
     def instruments(self, raw: Mapping[str, np.ndarray], values: Mapping[str, float], run: Run) -> np.ndarray:
@@ -124,6 +140,9 @@ class InstrumentedPlant:
     def _start(self, run: Run, nuisance: Nuisance) -> None:
         """Set the plant's start parameters."""
         raise NotImplementedError
+
+    def _anchor(self, inputs: np.ndarray, values: Mapping[str, float], run: Run) -> None:
+        """Put what was measured into the inputs of a plant that follows it; this one does not."""
 
     def _span(self, manoeuvre: Manoeuvre) -> tuple[float, float]:
         """From when to when [s] all channels are there together.

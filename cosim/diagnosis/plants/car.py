@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
+from cosim.diagnosis.observation import Errors
 from cosim.diagnosis.plants.base import InstrumentedPlant, compared
 from cosim.diagnosis.plants.run import STEP, Nuisance, Run
 from cosim.measured import Manoeuvre, Measurement
-from driveline.plants.full_order import FullOrderPlant
+from driveline.plants.assembly import GROUND, Assembly
+from driveline.plants.full_order import FullOrderPlant, input_variable
 from driveline.quantities import InputError
 
 log = logging.getLogger("cosim")
@@ -22,17 +25,86 @@ RUNS = 6  # at most so many stretches of one long recording
 LOCKED = 8.0  # rad/s: a lock-up clutch that is closed slips less, by its control, through a step of torque too
 
 
+@dataclass(frozen=True)
+class Anchor:
+    """How a simulation is led along a channel: a torque or force in proportion to what it differs.
+
+    Attributes:
+        node: On which it acts.
+        unit: Of the channel.
+        gain: Torque or force over difference [N.m.s/rad or N.s/m].
+    """
+
+    node: str
+    unit: str
+    gain: float
+
+
+# A driveline left to itself forgets nothing: a newton metre while the lash is crossed gently, and all that follows
+# comes earlier or later. Led along the speeds of its two large inertias, as an observer is, it forgets within
+# some tenths of a second, and what is left to compare is news. Strong enough that the engine in the lash (0.5 kg.m2)
+# keeps to the measured speed, weak enough that a wrong mass or torque still shows.
+ANCHORS = {"engine_speed": Anchor("crankshaft", "rad/s", 6.0), "vehicle_speed": Anchor("vehicle", "m/s", 4000.0)}
+
+
+# The nodes on which a disturbance of each torque balance acts.
+PUSHED = {"engine": ("crankshaft",), "transmission": ("transmission_output",), "propeller shaft": ("pinion",),
+          "axle": ("differential",), "wheel": ("left_hub", "right_hub"), "vehicle": ("vehicle",)}
+
+
+class LedPlant(FullOrderPlant):
+    """The full-order plant, led along measured speeds where ``led`` names them, pushed on the balance ``pushed``."""
+
+    inputs = (*FullOrderPlant.inputs,
+              *(input_variable(f"led_{name}", anchor.unit, f"measured {name.replace('_', ' ')}")
+                for name, anchor in ANCHORS.items()),
+              input_variable("push", "N.m", "disturbance torque, or force [N] on the vehicle"))
+    led: tuple[str, ...] = ()
+    pushed: str = ""
+
+    def attach(self, net: Assembly) -> None:
+        """The forces that lead it."""
+        for name in self.led:
+            anchor = ANCHORS[name]
+            node = list(net.nodes).index(anchor.node)
+            net.source(f"led_{name}", node, anchor.gain, net.signal(f"led_{name}"))
+            net.friction(f"led_{name}_drag", node, GROUND, 0.0, drag=anchor.gain)
+        nodes = PUSHED.get(self.pushed, ())
+        for name in nodes:
+            net.source(f"push_{name}", list(net.nodes).index(name), 1.0 / len(nodes), net.signal("push"))
+
+
 class FullOrderCar(InstrumentedPlant):
     """The full-order plant with the instruments of a test car."""
 
     name = "plant_fom"
-    plant = FullOrderPlant
+    plant = LedPlant
     driver = "engine_torque"
     channels = ("engine_speed", "turbine_speed", "transmission_output_speed", "wheel_speed", "vehicle_speed",
                 "propeller_shaft_torque", "seat_acceleration", "differential_acceleration")
 
     def _start(self, run: Run, nuisance: Nuisance) -> None:
         self._plant["start.vehicle_speed"] = run.start_speed + nuisance.start_speed
+
+    def pushed(self, values: Mapping[str, float], run: Run, nuisance: Nuisance, balance: str,
+               push: np.ndarray) -> dict[str, np.ndarray]:
+        """As ``raw``, with a torque [N.m; N on the vehicle] at every step on a balance of ``PUSHED``."""
+        self._plant.pushed = balance
+        try:
+            inputs = self._prepared(values, run, nuisance, 0.0)
+            inputs[:, self.columns["push"]] = push
+            return self._named(self._plant.simulate(inputs, STEP, run.start))
+        finally:
+            self._plant.pushed = ""
+
+    def _anchor(self, inputs: np.ndarray, values: Mapping[str, float], run: Run) -> None:
+        """What leads the plant, as it was before its sensor was late."""
+        self._plant.led = tuple(run.anchors)
+        middle = run.time - 0.5 * STEP
+        for name, (clock, shown) in run.anchors.items():
+            errors = Errors.of(name, values)
+            stamps = (1.0 + errors.clock_drift) * (middle + errors.delay) + errors.clock_offset
+            inputs[:, self.columns[f"led_{name}"]] = np.interp(stamps, clock, (shown - errors.offset) / errors.gain)
 
     def runs(self, measurement: Measurement) -> list[Run]:
         """The manoeuvres of a measurement, long ones cut into stretches of one gear.
@@ -93,7 +165,8 @@ class FullOrderCar(InstrumentedPlant):
         if gear < 1 or not speed > 1.0:
             return None
         clocks, measured = compared(manoeuvre, present, start + SETTLE, start + STEP * (len(inputs) - 1))
-        return Run(name, manoeuvre.kind, gear, start, inputs, speed, clocks, measured)
+        return Run(name, manoeuvre.kind, gear, start, inputs, speed, clocks, measured,
+                   _anchors(manoeuvre))
 
     def _overall(self, gear: int) -> float:
         return self.values["final_drive.ratio"] * self.values[f"transmission.ratio[{gear + 2}]"]
@@ -130,6 +203,11 @@ class FullOrderCar(InstrumentedPlant):
                 slope, level = np.polyfit(channel.time[first] - start, channel.values[first], 1)
                 return float(level * factor)
         return 0.0
+
+
+def _anchors(manoeuvre: Manoeuvre) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """The channel at either end of the driveline, as far as there is one."""
+    return {name: (manoeuvre[name].time, manoeuvre[name].values) for name in ANCHORS if name in manoeuvre}
 
 
 def _coupled(manoeuvre: Manoeuvre, begin: float, end: float) -> list[tuple[float, float]]:

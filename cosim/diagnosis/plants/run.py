@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -41,6 +41,7 @@ class Run:
         start_speed: Vehicle speed at the start as far as it was measured [m/s].
         clocks: Instants [s] at which each channel is compared.
         measured: Values of each channel at these.
+        anchors: Channels the simulation is led along: instants [s] and values. None: it runs freely.
     """
 
     name: str
@@ -51,11 +52,17 @@ class Run:
     start_speed: float
     clocks: Mapping[str, np.ndarray]
     measured: Mapping[str, np.ndarray]
+    anchors: Mapping[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
 
     @property
     def time(self) -> np.ndarray:
         """Instants [s] of the simulated outputs."""
         return self.start + STEP * np.arange(1, len(self.inputs) + 1)
+
+    @property
+    def free(self) -> Run:
+        """The same run, led by nothing that was measured but its inputs."""
+        return replace(self, anchors={})
 
     @property
     def slices(self) -> dict[str, slice]:

@@ -1,0 +1,218 @@
+"""Where a torque is missing that no effect of the catalogue explains, and what it goes with.
+
+On each balance in turn a disturbance torque is supposed: hats ``EVERY`` apart whose heights belong to an
+Ornstein-Uhlenbeck process. What each does to all channels is simulated (led along the measured speeds a
+driveline forgets within a second, so hats that far apart share a simulation), and the most probable torque and
+its evidence follow. The balance with the most evidence is where it is; over which variable its torque lies on a
+curve says what it goes with.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from cosim.diagnosis.identify import Fit
+from cosim.diagnosis.noise import Noise
+from cosim.diagnosis.plants import STEP, Run
+from cosim.diagnosis.plants.car import PUSHED
+from cosim.diagnosis.predict import Predictor
+
+EVERY = 0.1  # s between hats
+MEMORY = 1.0  # s after which a led driveline has forgotten a hat
+LASTS = 0.3  # s: how long the torque stays alike
+PUSH = {"engine": 4.0, "transmission": 6.0, "propeller shaft": 6.0, "axle": 20.0, "wheel": 20.0, "vehicle": 60.0}
+_SIZES = np.geomspace(0.05, 30.0, 10)  # of the torque looked for, in units of ``PUSH``
+_BINS = 12
+# Over these a torque may swing any number of times: orders of what turns, waves of the road.
+_PERIODIC = {"wheel angle": (2.0 * np.pi,), "distance": tuple(np.geomspace(4.0, 60.0, 40))}
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """The torque missing on one balance.
+
+    Attributes:
+        balance: Which.
+        gain: Log evidence over that of no torque.
+        size: Standard deviation of the torque [N.m; N on the vehicle].
+        table: Torque, its standard deviation, and what it may go with, at all hats of all runs.
+    """
+
+    balance: str
+    gain: float
+    size: float
+    table: dict[str, np.ndarray] = field(repr=False)
+
+
+def disturbances(predictor: Predictor, fit: Fit, noise: Noise) -> list[Disturbance]:
+    """The torque missing on every balance beside a fitted supposition, the most evident first.
+
+    Args:
+        predictor: Of the runs.
+        fit: What is known to be wrong.
+        noise: Of the channels; with what ``fit`` leaves in it, it would explain everything itself, so only its
+            floors are used.
+    """
+    found = []
+    for balance in PUSHED:
+        slopes = _slopes(predictor, fit, balance)
+        solved = [_Run(e / scale, h / scale[:, None]) for e, h, scale in zip(
+            (run.stacked - y for run, y in zip(predictor.runs, fit.predicted)), slopes, noise.least)]
+        gains = [sum(run.solve(size * PUSH[balance]).evidence for run in solved) for size in _SIZES]
+        best = int(np.argmax(gains))
+        size = float(_SIZES[best]) * PUSH[balance]
+        tables = []
+        for r, (run, one) in enumerate(zip(predictor.runs, solved)):
+            answer = one.solve(size)
+            tables.append({"torque": answer.mean, "std": answer.deviation} | _variables(predictor, fit, r, run))
+        table = {name: np.concatenate([t[name] for t in tables]) for name in tables[0]}
+        found.append(Disturbance(balance, float(gains[best]), float(np.std(table["torque"])), table))
+    return sorted(found, key=lambda d: -d.gain)
+
+
+def goes_with(table: Mapping[str, np.ndarray]) -> tuple[str, str, float]:
+    """What the torque of a table goes with: variable, shape, share of its variance (predicted across halves)."""
+    torque, weight = table["torque"], 1.0 / table["std"] ** 2
+    scores = {}
+    for name, values in table.items():
+        if name in ("torque", "std", "run") or np.ptp(values) <= 0.0:
+            continue
+        curves = [_binned(values)]
+        if name in _PERIODIC:
+            curves = [_waves(values, length) for length in _PERIODIC[name]]
+        scores[name] = max(_predicted(torque, weight, curve, table["run"]) for curve in curves)
+    if not scores:
+        return "time", "no shape", 0.0
+    best = max(scores, key=scores.__getitem__)
+    return best, _shape(table[best], torque, best), float(scores[best])
+
+
+def _binned(values: np.ndarray) -> np.ndarray:
+    """Indicators of bins with as many samples each."""
+    edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, _BINS + 1)[1:-1]))
+    return np.eye(edges.size + 1)[np.searchsorted(edges, values)]
+
+
+def _waves(values: np.ndarray, length: float) -> np.ndarray:
+    angle = 2.0 * np.pi * values / length
+    return np.column_stack([np.ones_like(angle), np.cos(angle), np.sin(angle)])
+
+
+def _predicted(torque: np.ndarray, weight: np.ndarray, curve: np.ndarray, run: np.ndarray) -> float:
+    """Share of the variance that a curve predicts in each stretch from the others.
+
+    Waves have a phase of their own in every run, so stretches are quarters of each run, in turn.
+    """
+    explained = total = 0.0
+    waves = curve.shape[1] == 3
+    for own in (run == r for r in np.unique(run)) if waves else (np.ones(run.size, dtype=bool),):
+        fold = np.arange(int(own.sum())) * 8 // max(int(own.sum()), 1) % 4
+        c, t, w = curve[own], torque[own], weight[own]
+        for k in range(4):
+            rest = fold != k
+            if not rest.any() or rest.all():
+                continue
+            matrix = c[rest].T @ (c[rest] * w[rest, None]) + 1e-3 * np.median(w) * np.eye(c.shape[1])
+            level = np.linalg.solve(matrix, c[rest].T @ (w[rest] * t[rest]))
+            mean = np.average(t[rest], weights=w[rest])
+            explained += float(np.sum(w[~rest] * (t[~rest] - c[~rest] @ level) ** 2))
+            total += float(np.sum(w[~rest] * (t[~rest] - mean) ** 2))
+    return 1.0 - explained / total if total else 0.0
+
+
+def _shape(values: np.ndarray, torque: np.ndarray, name: str) -> str:
+    """The curve in words."""
+    if name in _PERIODIC:
+        lengths = _PERIODIC[name]
+        power = [float(np.abs(np.mean(torque * np.exp(-2j * np.pi * values / length)))) for length in lengths]
+        best = lengths[int(np.argmax(power))]
+        return "a wave once a revolution" if name == "wheel angle" else f"a wave every {best:.0f} m"
+    x = (values - values.mean()) / (np.std(values) or 1.0)
+    line, cube = (np.corrcoef(x**n, torque)[0, 1] for n in (1, 3))
+    odd = abs(cube) > abs(line) + 0.02
+    if max(abs(line), abs(cube)) < 0.3:
+        return "no straight line"
+    return f"{'rises' if (cube if odd else line) > 0 else 'falls'}, {'steeper at the ends' if odd else 'evenly'}"
+
+
+def _slopes(predictor: Predictor, fit: Fit, balance: str) -> list[np.ndarray]:
+    """Per run, what a unit hat does to all channels: samples x hats."""
+    apart = round(MEMORY / EVERY)
+    found = predictor.many([(point, r, (balance, PUSH[balance] * comb(predictor.runs[r], k, apart)))
+                            for r, point in enumerate(fit.points) for k in range(apart)])
+    slopes = []
+    for r, run in enumerate(predictor.runs):
+        count = hats(run).size
+        moved = np.zeros((run.stacked.size, count))
+        for k, y in enumerate(found[r * apart:(r + 1) * apart]):
+            if y is None:
+                continue
+            change = (y - fit.predicted[r]) / PUSH[balance]
+            for h in range(k, count, apart):
+                begin = hats(run)[h] - EVERY
+                for name, place in run.slices.items():
+                    clock = run.clocks[name]
+                    there = (clock >= begin) & (clock < begin + MEMORY)
+                    moved[place, h] = np.where(there, change[place], 0.0)
+        slopes.append(moved)
+    return slopes
+
+
+def hats(run: Run) -> np.ndarray:
+    """Instants [s] at which the hats of a run peak."""
+    return run.start + EVERY * np.arange(1, int(len(run.inputs) * STEP / EVERY))
+
+
+def comb(run: Run, first: int, apart: int) -> np.ndarray:
+    """A torque over the steps of a run: every ``apart``-th hat from ``first``, of unit height."""
+    peaks = np.zeros(hats(run).size)
+    peaks[first::apart] = 1.0
+    return np.interp(run.time - STEP, hats(run), peaks, left=0.0, right=0.0)
+
+
+@dataclass(frozen=True)
+class _Answer:
+    mean: np.ndarray
+    deviation: np.ndarray
+    evidence: float
+
+
+class _Run:
+    """One run's linear estimate of the torque; residual and slopes in units of the noise."""
+
+    def __init__(self, residual: np.ndarray, slopes: np.ndarray) -> None:
+        self.square, self.product = slopes.T @ slopes, slopes.T @ residual
+        # a plant of another structure is never right to the noise: errors count as what they are
+        self.temperature = max(1.0, float(np.mean(residual**2)))
+
+    def solve(self, size: float) -> _Answer:
+        """Most probable torque if it is of some size."""
+        n = len(self.product)
+        apart = np.abs(np.subtract.outer(np.arange(n), np.arange(n))) * EVERY
+        root = np.linalg.cholesky(size**2 * np.exp(-apart / LASTS) + 1e-9 * size**2 * np.eye(n))
+        matrix = cho_factor(np.eye(n) + root.T @ self.square @ root / self.temperature, lower=True)
+        inner = root.T @ self.product / self.temperature
+        mean = root @ cho_solve(matrix, inner)
+        covariance = root @ cho_solve(matrix, root.T)
+        evidence = 0.5 * float(inner @ cho_solve(matrix, inner)) - float(np.sum(np.log(np.diag(matrix[0]))))
+        return _Answer(mean, np.sqrt(np.diag(covariance)), evidence)
+
+
+def _variables(predictor: Predictor, fit: Fit, r: int, run: Run) -> dict[str, np.ndarray]:
+    """What a torque could go with, at the hats."""
+    values, nuisance = predictor.values(fit.points[r], r)
+    raw = predictor.car.raw(values, run, nuisance)
+    at = hats(run)
+    wheel = raw["wheel_speed"]
+    signals = {
+        "speed": raw["vehicle_speed"], "torque": raw["propeller_shaft_torque"],
+        "twist": raw["axle_shaft_torque"] / (2.0 * values["axle_shaft.stiffness"]),
+        "time": run.time - run.start, "distance": np.cumsum(raw["vehicle_speed"]) * STEP,
+        "wheel angle": np.cumsum(wheel) * STEP}
+    return {name: np.interp(at, run.time, signal) for name, signal in signals.items()} | {
+        "run": np.full(at.size, float(r))}
+
