@@ -248,6 +248,21 @@ class Search:
                 return Fit(causes, best.shared, best.points, best.predicted, best.jacobians)
         return Fit(causes, shared, points, predicted, best.jacobians)
 
+    def polished(self, fit: Fit, noise: Noise) -> Fit:
+        """Refined from where it is and from the file with its causes in, whichever ends better.
+
+        What a healthy car may have was fitted while causes were missing, and may have gone astray for them.
+        """
+        kept = [i for cause in fit.causes for i in self.predictor.index(cause)]
+        shared = np.zeros(len(self.coordinates))
+        shared[kept] = fit.shared[kept]
+        points = [shared.copy() for _ in fit.points]
+        predicted = self.predictor.all_runs(points)
+        ends = [self.refine(fit, noise)]
+        if predicted is not None:
+            ends.append(self.refine(Fit(fit.causes, shared, points, predicted, fit.jacobians), noise, 8))
+        return max((self.assess(end, noise) for end in ends), key=lambda end: end.score)
+
     def size(self, fit: Fit, cause: str) -> float:
         """How large an cause is, in detection limits."""
         found = [fit.shared[i] / self.coordinates[i].parameter.detection for i in self.predictor.index(cause)]
@@ -302,7 +317,7 @@ class Search:
             best = found
             self.say(f"taken in: {', '.join(best.causes)}")
         if best.causes:
-            best = self.refine(self.relinearise(best), self.noise(best), 8)
+            best = self.polished(self.relinearise(best), self.noise(best))
             tried[best.causes] = best
         noise = min((self.noise(fit) for fit in tried.values()), key=lambda noise: noise.size)
         best = self.assess(best, noise)
@@ -341,7 +356,8 @@ class Search:
             return None
         sharp = min((self.noise(fit) for fit in [best, *fits]), key=lambda noise: noise.size)
         leader = max((self.assess(fit, sharp) for fit in fits), key=lambda fit: fit.score)
-        leader = self.refine(self.relinearise(leader), min(sharp, self.noise(leader), key=lambda noise: noise.size), 4)
+        leader = self.relinearise(leader)
+        leader = self.polished(leader, min(sharp, self.noise(leader), key=lambda noise: noise.size))
         sharp = min(sharp, self.noise(leader), key=lambda noise: noise.size)
         # one that is stuck explains less than it could: all shall have started from the best point there is
         again = [self.refine(self.start(leader, fit.causes), sharp, 4) for fit in [best, *fits]

@@ -9,7 +9,7 @@ curve says what it goes with.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -57,21 +57,29 @@ def disturbances(predictor: Predictor, fit: Fit, noise: Noise) -> list[Disturban
         noise: Of the channels; with what ``fit`` leaves in it, it would explain everything itself, so only its
             floors are used.
     """
+    residuals = [(run.stacked - y) / scale for run, y, scale in zip(predictor.runs, fit.predicted, noise.least)]
+    supposed = {balance: [_Run(e, h / scale[:, None]) for e, h, scale in zip(
+        residuals, _slopes(predictor, fit, balance), noise.least)] for balance in PUSHED}
+    # a plant of another structure is never right to the noise: errors count as what the best balance leaves
+    left = [float(np.mean(e**2)) for e in residuals]
+    for _ in range(2):
+        sizes = {balance: max(_SIZES, key=lambda size, b=balance, runs=runs: _gain(runs, size * PUSH[b], left))
+                 * PUSH[balance] for balance, runs in supposed.items()}
+        left = [max(1.0, min(runs[r].left(sizes[balance], left[r]) for balance, runs in supposed.items()))
+                for r in range(len(residuals))]
     found = []
-    for balance in PUSHED:
-        slopes = _slopes(predictor, fit, balance)
-        solved = [_Run(e / scale, h / scale[:, None]) for e, h, scale in zip(
-            (run.stacked - y for run, y in zip(predictor.runs, fit.predicted)), slopes, noise.least)]
-        gains = [sum(run.solve(size * PUSH[balance]).evidence for run in solved) for size in _SIZES]
-        best = int(np.argmax(gains))
-        size = float(_SIZES[best]) * PUSH[balance]
+    for balance, runs in supposed.items():
         tables = []
-        for r, (run, one) in enumerate(zip(predictor.runs, solved)):
-            answer = one.solve(size)
+        for r, (run, one) in enumerate(zip(predictor.runs, runs)):
+            answer = one.solve(sizes[balance], left[r])
             tables.append({"torque": answer.mean, "std": answer.deviation} | _variables(predictor, fit, r, run))
         table = {name: np.concatenate([t[name] for t in tables]) for name in tables[0]}
-        found.append(Disturbance(balance, float(gains[best]), float(np.std(table["torque"])), table))
+        found.append(Disturbance(balance, _gain(runs, sizes[balance], left), float(np.std(table["torque"])), table))
     return sorted(found, key=lambda d: -d.gain)
+
+
+def _gain(runs: Sequence[_Run], size: float, left: Sequence[float]) -> float:
+    return sum(run.solve(size, temperature).evidence for run, temperature in zip(runs, left))
 
 
 def goes_with(table: Mapping[str, np.ndarray]) -> tuple[str, str, float]:
@@ -185,17 +193,20 @@ class _Run:
     """One run's linear estimate of the torque; residual and slopes in units of the noise."""
 
     def __init__(self, residual: np.ndarray, slopes: np.ndarray) -> None:
+        self.residual, self.slopes = residual, slopes
         self.square, self.product = slopes.T @ slopes, slopes.T @ residual
-        # a plant of another structure is never right to the noise: errors count as what they are
-        self.temperature = max(1.0, float(np.mean(residual**2)))
 
-    def solve(self, size: float) -> _Answer:
-        """Most probable torque if it is of some size."""
+    def left(self, size: float, temperature: float) -> float:
+        """Mean square of what the torque does not explain, in units of the noise."""
+        return float(np.mean((self.residual - self.slopes @ self.solve(size, temperature).mean) ** 2))
+
+    def solve(self, size: float, temperature: float) -> _Answer:
+        """Most probable torque if it is of some size, and the noise's variance ``temperature`` times as large."""
         n = len(self.product)
         apart = np.abs(np.subtract.outer(np.arange(n), np.arange(n))) * EVERY
         root = np.linalg.cholesky(size**2 * np.exp(-apart / LASTS) + 1e-9 * size**2 * np.eye(n))
-        matrix = cho_factor(np.eye(n) + root.T @ self.square @ root / self.temperature, lower=True)
-        inner = root.T @ self.product / self.temperature
+        matrix = cho_factor(np.eye(n) + root.T @ self.square @ root / temperature, lower=True)
+        inner = root.T @ self.product / temperature
         mean = root @ cho_solve(matrix, inner)
         covariance = root @ cho_solve(matrix, root.T)
         evidence = 0.5 * float(inner @ cho_solve(matrix, inner)) - float(np.sum(np.log(np.diag(matrix[0]))))

@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfiltfilt
 
 from cosim.diagnosis.observation import Errors, observe
@@ -103,7 +104,10 @@ class RigidPlant(InstrumentedPlant):
         time = run.start + STEP * np.arange(len(run.inputs))
         name = next(name for name in self.motions if name in run.clocks)
         errors = Errors.of(name, values)
-        shown = np.interp(time + errors.delay, run.clocks[name], run.measured[name])
+        # straight lines between samples that are unevenly apart bend most where those are far apart: after two
+        # differentiations that is noise of several per cent
+        clock = run.clocks[name]
+        shown = CubicSpline(clock, run.measured[name])(np.clip(time + errors.delay, clock[0], clock[-1]))
         shown = (shown - errors.offset) / errors.gain
         if name.endswith("position"):
             position = sosfiltfilt(butter(4, _SMOOTH, fs=1.0 / STEP, output="sos"), shown)
