@@ -122,14 +122,15 @@ def test_normal_distribution_is_the_one():
 
 
 def test_values_between_samples_are_exact_for_cubics_and_at_the_samples():
-    state, times = [0.0] * 40, [0.0, 0.008, 0.021, 0.03, 0.043, 0.05]
+    count = 2 * samples.SAMPLES
+    state, times = [0.0] * (count + 1), [0.0, 0.008, 0.021, 0.03, 0.043, 0.05]
     for time in times:
-        samples.push(state, 0, 39, time, 1.0 + 3.0 * time - 50.0 * time**3)
+        samples.push(state, 0, count, time, 1.0 + 3.0 * time - 50.0 * time**3)
     for time in [*times, 0.004, 0.017, 0.035, 0.049]:
-        assert samples.smooth(state, 0, 39, time) == pytest.approx(1.0 + 3.0 * time - 50.0 * time**3, abs=1e-14)
-    samples.push(state, 0, 39, 0.049, 99.0)  # late: it is older than what is there
-    assert state[39] == len(times)
-    assert samples.linear(state, 0, 39, 0.049) < 2.0
+        assert samples.smooth(state, 0, count, time) == pytest.approx(1.0 + 3.0 * time - 50.0 * time**3, abs=1e-14)
+    samples.push(state, 0, count, 0.049, 99.0)  # late: it is older than what is there
+    assert state[count] == len(times)
+    assert samples.linear(state, 0, count, 0.049) < 2.0
 
 
 def test_the_prior_is_a_distribution_over_all_sizes_it_promises():
@@ -250,10 +251,14 @@ def test_ages_do_what_known_delays_do():
         np.testing.assert_allclose(stamped[name], known[name], rtol=1e-9, atol=1e-12)
 
 
-def test_a_wheel_delay_nobody_told_of_is_found():
+@pytest.mark.parametrize(("milliseconds", "wheel"), [(10, 20), (5, 30), (1, 30)])
+def test_a_wheel_delay_nobody_told_of_is_found(milliseconds, wheel):
+    """However many frames that are."""
     record = driven(400.0, 1.0, 3, high=120.0)
-    found = listen(record, make(), wheel_delay=20)
-    assert found["wheel_speed_delay"][-1] - found["engine_speed_delay"][-1] == pytest.approx(0.02, abs=2e-3)
+    observer = make(sampling__period=1e-3 * milliseconds)
+    found = listen(record, observer, milliseconds, wheel_delay=wheel)
+    late = found["wheel_speed_delay"][-1] - found["engine_speed_delay"][-1]
+    assert late == pytest.approx(1e-3 * wheel, abs=2e-3)
     assert found["lash_size"][-1] == pytest.approx(SIZE, rel=0.02)
 
 
