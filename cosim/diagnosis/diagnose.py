@@ -17,7 +17,7 @@ from cosim.diagnosis import extend, proposal
 from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.identify import Fit, Identification, Search
 from cosim.diagnosis.inverse import diagnose_inverse
-from cosim.diagnosis.localise import disturbances, goes_with
+from cosim.diagnosis.localise import SHAFT_TORQUE, disturbances, goes_with
 from cosim.diagnosis.noise import Noise
 from cosim.diagnosis.plants import FullOrderCar, InstrumentedPlant, RigidPlant, Run, plant_for
 from cosim.diagnosis.predict import Predictor, coordinates
@@ -176,14 +176,17 @@ def _driveline(diagnosis: Diagnosis, car: FullOrderCar, out: Path | None, worker
 
 
 def _probabilities(found: Identification, effects: Sequence[str]) -> dict[str, float]:
-    """Probability that each effect is there: the suppositions' shares of all evidence."""
+    """Probability that each effect is the cause: the suppositions' shares of all evidence.
+
+    A supposition of several effects divides its share among them, so that all add up to at most 1.
+    """
     scores = np.array([fit.score for fit in found.alternatives]) / _TEMPER
     weights = np.exp(scores - scores.max())
     weights *= (1.0 - SOMETHING_ELSE) / weights.sum()
     shares = dict.fromkeys(effects, 0.0)
     for fit, weight in zip(found.alternatives, weights):
         for effect in fit.effects:
-            shares[effect] += float(weight)
+            shares[effect] += float(weight) / len(fit.effects)
     return shares
 
 
@@ -294,9 +297,9 @@ def _localise(diagnosis: Diagnosis, predictor: Predictor, found: Identification,
     listed = disturbances(predictor, found.healthy, left)
     first = listed[0]
     variable, shape, share = goes_with(first.table)
-    diagnosis.finding["unknown"] = {"balance": first.balance, "driving_variable": variable, "shape": shape,
-                                    "size": first.size, "share": share,
-                                    "log_evidence": {d.balance: d.gain for d in listed}}
+    diagnosis.finding["unknown"] = {
+        "balance": first.balance, "driving_variable": "torque" if variable == SHAFT_TORQUE else variable,
+        "shape": shape, "size": first.size, "share": share, "log_evidence": {d.balance: d.gain for d in listed}}
     diagnosis.disturbance = {d.balance: d.table for d in listed}
 
 

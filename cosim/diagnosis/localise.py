@@ -22,11 +22,12 @@ from cosim.diagnosis.plants.car import PUSHED
 from cosim.diagnosis.predict import Predictor
 
 EVERY = 0.1  # s between hats
-MEMORY = 1.0  # s after which a led driveline has forgotten a hat
+MEMORY = 1.5  # s after which a led driveline has forgotten a hat
 LASTS = 0.3  # s: how long the torque stays alike
 PUSH = {"engine": 4.0, "transmission": 6.0, "propeller shaft": 6.0, "axle": 20.0, "wheel": 20.0, "vehicle": 60.0}
 _SIZES = np.geomspace(0.05, 30.0, 10)  # of the torque looked for, in units of ``PUSH``
 _BINS = 12
+SHAFT_TORQUE = "shaft torque"  # what the propeller shaft carries, beside the torque that is missing
 # Over these a torque may swing any number of times: orders of what turns, waves of the road.
 _PERIODIC = {"wheel angle": (2.0 * np.pi,), "distance": tuple(np.geomspace(4.0, 60.0, 40))}
 
@@ -220,7 +221,7 @@ def _variables(predictor: Predictor, fit: Fit, r: int, run: Run) -> dict[str, np
     at = hats(run)
     wheel = raw["wheel_speed"]
     signals = {
-        "speed": raw["vehicle_speed"], "torque": raw["propeller_shaft_torque"],
+        "speed": raw["vehicle_speed"], SHAFT_TORQUE: raw["propeller_shaft_torque"],
         "twist": raw["axle_shaft_torque"] / (2.0 * values["axle_shaft.stiffness"]),
         "time": run.time - run.start, "distance": np.cumsum(raw["vehicle_speed"]) * STEP,
         "wheel angle": np.cumsum(wheel) * STEP}

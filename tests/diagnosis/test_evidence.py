@@ -1,0 +1,96 @@
+"""Closed forms against the dense Gaussian they stand for."""
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from cosim.diagnosis.effect import factor
+from cosim.diagnosis.evidence import Evidence, Layout, Slopes, heterogeneity, prior
+from cosim.diagnosis.predict import Coordinate
+
+RUNS, SAMPLES = 3, 40
+
+
+def coordinate(name, cause, run, tolerance, spread):
+    p = factor(name, name, unit="1", meaning="", spread=spread, limits=(0.1, 10.0), detection=0.4)
+    return Coordinate(name, cause, cause, run, p if cause else None, tolerance, spread, 0.1)
+
+
+@pytest.fixture(scope="module")
+def problem():
+    random = np.random.default_rng(3)
+    coordinates = [coordinate("a", "one", None, 0.1, 1.5), coordinate("b", "two", None, 0.2, 0.9),
+                   coordinate("c", "two", None, 0.05, 0.7)]
+    coordinates += [coordinate("start", "", r, 0.3, 0.3) for r in range(RUNS)]
+    layout = Layout(coordinates, RUNS)
+    jacobians = [random.standard_normal((SAMPLES, len(coordinates))) for _ in range(RUNS)]
+    for r, j in enumerate(jacobians):
+        j[:, [3 + k for k in range(RUNS) if k != r]] = 0.0
+    points = [0.3 * random.standard_normal(len(coordinates)) * (np.abs(j).sum(axis=0) > 0) for j in jacobians]
+    targets = [random.standard_normal(SAMPLES) + j[:, 0] for j in jacobians]
+    # linearised at a point of its own, a run shows the residual there
+    seen = [Slopes(layout, r, j).seen(z - j @ p, p) for r, (j, z, p) in enumerate(zip(jacobians, targets, points))]
+    return coordinates, jacobians, targets, Evidence(seen)
+
+
+def dense(coordinates, jacobians, targets, spread, runs=range(RUNS)):
+    """Log density of the targets with every unknown integrated out."""
+    apart = heterogeneity(coordinates)
+    runs = list(runs)
+    covariance = np.block([[jacobians[r] @ np.diag(np.where([c.run in (None,) for c in coordinates], spread**2, 0.0))
+                            @ jacobians[s].T for s in runs] for r in runs])
+    for k, r in enumerate(runs):
+        own = np.where([c.run == r for c in coordinates], spread**2, 0.0) + apart**2
+        place = slice(k * SAMPLES, (k + 1) * SAMPLES)
+        covariance[place, place] += jacobians[r] @ np.diag(own) @ jacobians[r].T + np.eye(SAMPLES)
+    return multivariate_normal.logpdf(np.concatenate([targets[r] for r in runs]), cov=covariance)
+
+
+def test_evidence_is_the_dense_gaussian_s(problem):
+    coordinates, jacobians, targets, evidence = problem
+    healthy = prior(coordinates, ())
+    for causes in (("one",), ("two",), ("one", "two")):
+        spread = prior(coordinates, causes)
+        here = evidence.posterior(spread).log_evidence - evidence.posterior(healthy).log_evidence
+        there = dense(coordinates, jacobians, targets, spread) - dense(coordinates, jacobians, targets, healthy)
+        assert here == pytest.approx(there, abs=2e-3)
+
+
+def test_a_run_left_out_is_predicted_by_the_others(problem):
+    coordinates, jacobians, targets, evidence = problem
+    one, two = prior(coordinates, ("one",)), prior(coordinates, ("two",))
+    for r in range(RUNS):
+        others = [k for k in range(RUNS) if k != r]
+
+        def held(spread, others=others):
+            return dense(coordinates, jacobians, targets, spread) - dense(
+                coordinates, jacobians, targets, spread, others)
+
+        assert evidence.held_out(one)[r] - evidence.held_out(two)[r] == pytest.approx(held(one) - held(two), abs=2e-3)
+
+
+def test_posterior_is_where_the_density_is_highest(problem):
+    coordinates, _, _, evidence = problem
+    spread = prior(coordinates, ("one", "two"))
+    posterior = evidence.posterior(spread)
+    assert posterior.mean[0] == pytest.approx(1.0, abs=0.25)
+    assert np.all(np.linalg.eigvalsh(posterior.covariance) > 0.0)
+    assert np.sqrt(posterior.covariance[0, 0]) < spread[0]
+
+
+def test_however_sharp_a_run_says_no_more_than_heterogeneity_allows(problem):
+    coordinates, jacobians, targets, _ = problem
+    layout = Layout(coordinates, RUNS)
+    seen = [Slopes(layout, r, 1e3 * j).seen(1e3 * z, np.zeros(len(coordinates)))
+            for r, (j, z) in enumerate(zip(jacobians, targets))]
+    deviations = np.sqrt(np.diag(Evidence(seen).posterior(prior(coordinates, ("one", "two"))).covariance))
+    assert np.all(deviations > 0.95 * layout.deviation / np.sqrt(RUNS) * np.array([1.0, 1.0, 1.0]))
+
+
+def test_what_a_wide_coordinate_can_do_is_not_apart(problem):
+    coordinates, _, _, evidence = problem
+    change = np.zeros(len(coordinates))
+    change[0] = 0.5
+    near = evidence.separation(change, prior(coordinates, ("one",)))
+    far = evidence.separation(change, prior(coordinates, ("two",)))
+    assert near < 0.5 < 1.5 < far

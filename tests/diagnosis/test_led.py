@@ -1,0 +1,149 @@
+"""Simulations led along measured speeds, pushed, and their sensitivities."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cosim.diagnosis.hidden import hide
+from cosim.diagnosis.identify import Fit
+from cosim.diagnosis.localise import PUSH, comb, disturbances, goes_with, hats
+from cosim.diagnosis.noise import Noise
+from cosim.diagnosis.plants import FullOrderCar, Nuisance
+from cosim.diagnosis.plants.car import ANCHORS
+from cosim.diagnosis.predict import Predictor, coordinates
+from cosim.measured import load
+from driveline.plants.full_order import FullOrderPlant
+
+
+@pytest.fixture(scope="module")
+def car_and_run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("led") / "m"
+    hide([], 2, folder, structure="same", drift="none", manoeuvres=["tip_in:5"])
+    measurement = load(folder)
+    car = FullOrderCar(measurement.vehicle, measurement.variant)
+    return car, car.runs(measurement)[0]
+
+
+def led_by(car, run, values):
+    """The run, led by what a simulation with these values shows."""
+    raw = car.raw(values, run.free)
+    return replace(run, anchors={name: (run.time, raw[name]) for name in ANCHORS})
+
+
+def test_without_anchors_it_is_the_full_order_plant(car_and_run):
+    car, run = car_and_run
+    free = car.raw(car.values, run.free)
+    plant = FullOrderPlant(car.values)
+    plant["start.vehicle_speed"] = run.start_speed
+    for i, variable in enumerate(plant.inputs):
+        plant[variable.name] = run.inputs[0, i]
+    plant.initialize()
+    table = plant.simulate(run.inputs[:, :len(plant.inputs)], 1e-3, run.start)
+    for i, variable in enumerate(plant.output_variables):
+        assert np.array_equal(free[variable.name], table[:, i]), variable.name
+
+
+def test_led_by_its_own_speeds_it_goes_its_own_way(car_and_run):
+    car, run = car_and_run
+    free = car.raw(car.values, run.free)
+    led = car.raw(car.values, led_by(car, run, car.values))
+    for name in ("engine_speed", "propeller_shaft_torque", "wheel_speed"):
+        # what leads it is half a step old, sampled once a step
+        assert np.max(np.abs(led[name] - free[name])) < 2e-2 * np.ptp(free[name])
+
+
+def test_a_led_driveline_forgets_a_torque(car_and_run):
+    car, run = car_and_run
+    led = led_by(car, run, car.values)
+    kick = np.zeros(len(run.inputs))
+    kick[2500:2600] = 5.0
+    for one, forgets in ((led, True), (run.free, False)):
+        change = np.abs(car.raw(car.values, one, Nuisance(), kick)["vehicle_speed"]
+                        - car.raw(car.values, one)["vehicle_speed"])
+        assert (change[-500:].max() < 0.3 * change.max()) == forgets
+
+
+def test_zero_is_the_vehicle_file_and_every_coordinate_moves_something(car_and_run):
+    car, run = car_and_run
+    declared = coordinates(car, [run])
+    zero = np.zeros(len(declared))
+    with Predictor(car, [run], declared) as predictor:
+        base = predictor.all_runs([zero])
+        assert np.array_equal(base[0], car.predict(car.values, run))
+        slopes = predictor.jacobian([zero], base, range(len(declared)))[0]
+    moves = np.abs(slopes).max(axis=0)
+    idle = [c.name for c, m in zip(declared, moves) if m == 0.0]
+    # these do nothing while they are small, or where the file has no suspension
+    assert set(idle) <= {"lockup_capacity", "first_stage_stiffness", "first_stage_twist", "suspension.damping"}
+
+
+def test_several_processes_say_the_same(car_and_run):
+    car, run = car_and_run
+    declared = coordinates(car, [run])
+    zero = np.zeros(len(declared))
+    found = []
+    for workers in (1, 2):
+        with Predictor(car, [run], declared, workers) as predictor:
+            found.append(predictor.jacobian([zero], predictor.all_runs([zero]), [0, 5, len(declared) - 1])[0])
+    assert np.array_equal(*found)
+
+
+def test_a_swing_has_the_amplitude_of_its_components(car_and_run):
+    car, run = car_and_run
+    declared = coordinates(car, [run])
+    predictor = Predictor(car, [run], declared)
+    u = np.zeros(len(declared))
+    for i in predictor.index("torque_ripple"):
+        u[i] = (3.0, 4.0)[declared[i].part]
+    values, _ = predictor.values(u, 0)
+    assert values["torque_ripple.amplitude"] == pytest.approx(5.0)
+    assert values["torque_ripple.phase"] == pytest.approx(np.arctan2(4.0, 3.0))
+
+
+def test_hats_apart_make_up_every_hat(car_and_run):
+    _, run = car_and_run
+    whole = sum(comb(run, k, 10) for k in range(10))
+    inside = (run.time - 1e-3 > hats(run)[0]) & (run.time - 1e-3 < hats(run)[-1])
+    assert np.allclose(whole[inside], 1.0)
+
+
+@pytest.mark.parametrize("balance", ["vehicle", "propeller shaft"])
+def test_a_torque_nobody_knew_of_is_found_where_it_acts(car_and_run, balance):
+    car, run = car_and_run
+    led = led_by(car, run, car.values)
+    push = 3.0 * PUSH[balance] * np.sin(2.0 * np.pi * 0.5 * run.time)
+    raw = car.pushed(car.values, run.free, Nuisance(), balance, push)
+    led = replace(led, anchors={name: (run.time, raw[name]) for name in ANCHORS})
+    random = np.random.default_rng(1)
+    measured = car.instruments(raw, car.values, run)
+    floors = {"engine_speed": 0.06, "turbine_speed": 0.06, "transmission_output_speed": 0.06, "wheel_speed": 0.012,
+              "vehicle_speed": 0.005, "propeller_shaft_torque": 1.5, "seat_acceleration": 0.03,
+              "differential_acceleration": 0.5}
+    led = replace(led, measured={name: measured[place] + floors[name] * random.standard_normal(place.stop - place.start)
+                                 for name, place in run.slices.items()})
+    declared = coordinates(car, [led])
+    with Predictor(car, [led], declared) as predictor:
+        zero = np.zeros(len(declared))
+        predicted = predictor.all_runs([zero])
+        fit = Fit((), zero, [zero], predicted, [])
+        noise = Noise([led], [led.stacked - predicted[0]], [np.zeros(led.stacked.size)])
+        first = disturbances(predictor, fit, noise)[0]
+    assert first.balance == balance
+    true = np.interp(hats(led), run.time, push)
+    inside = slice(8, -8)
+    assert np.corrcoef(first.table["torque"][inside], true[inside])[0, 1] > 0.9
+
+
+def test_what_a_torque_goes_with():
+    random = np.random.default_rng(4)
+    n = 400
+    table = {"speed": 10.0 + np.linspace(0.0, 5.0, n), "torque": np.zeros(n), "std": np.ones(n),
+             "twist": random.uniform(-0.05, 0.05, n), "distance": np.linspace(0.0, 280.0, n),
+             "wheel angle": np.linspace(0.0, 800.0, n), "shaft torque": random.uniform(-50.0, 300.0, n),
+             "run": np.repeat([0.0, 1.0], n // 2)}
+    hard = {**table, "torque": 2e6 * table["twist"] ** 3 + random.standard_normal(n)}
+    assert goes_with(hard)[0] == "twist" and "steeper" in goes_with(hard)[1]
+    wavy = {**table, "torque": 80.0 * np.sin(2.0 * np.pi * table["distance"] / 14.0) + random.standard_normal(n)}
+    variable, shape, share = goes_with(wavy)
+    assert variable == "distance" and "14 m" in shape and share > 0.9

@@ -1,0 +1,67 @@
+import numpy as np
+import pytest
+
+from cosim.diagnosis.noise import WANDER, WANDER_TIME, Noise, _correlation_time, floor, wander
+from cosim.diagnosis.plants import Run
+
+CLOCK = np.arange(0.0, 6.0, 0.01)
+
+
+def run(name, values):
+    return Run(name, "tip_in", 5, 0.0, np.zeros((6000, 1)), 10.0, {"engine_speed": CLOCK}, {"engine_speed": values})
+
+
+@pytest.fixture
+def white():
+    return 0.05 * np.random.default_rng(1).standard_normal(CLOCK.size)
+
+
+def test_the_floor_is_the_noise_and_not_the_motion(white):
+    assert floor(white + 100.0 + 5.0 * np.sin(2.0 * np.pi * 2.0 * CLOCK)) == pytest.approx(0.05, rel=0.15)
+
+
+def test_a_resolution_is_a_floor():
+    step = 0.2
+    assert floor(np.round(np.sin(CLOCK) / step) * step) == pytest.approx(step / np.sqrt(12.0), rel=1e-6)
+
+
+def test_samples_that_are_alike_count_less():
+    random, keep = np.random.default_rng(2), 0.9
+    values = np.zeros(40000)
+    for i in range(1, values.size):
+        values[i] = keep * values[i - 1] + random.standard_normal()
+    assert _correlation_time([values]) == pytest.approx((1.0 + keep) / (1.0 - keep), rel=0.2)
+    assert _correlation_time([random.standard_normal(5000)]) == pytest.approx(1.0, abs=0.1)
+
+
+def test_the_wandering_torque_has_its_size_and_time():
+    values = wander(2_000_000, 1e-3, np.random.default_rng(5))
+    assert np.std(values) == pytest.approx(WANDER, rel=0.03)
+    lag = round(WANDER_TIME / 1e-3)
+    assert np.mean(values[:-lag] * values[lag:]) == pytest.approx(WANDER**2 / np.e, rel=0.1)
+
+
+def test_white_residuals_of_the_floor_s_size_are_whitened_to_one(white):
+    noise = Noise([run("a", white)], [white], [np.zeros(white.size)])
+    assert np.std(noise.whiten(0, white)) == pytest.approx(0.9, abs=0.15)
+    assert noise.excess[0]["engine_speed"] < 0.1
+
+
+def test_where_measured_and_simulated_part_hardly_anything_counts(white):
+    quiet, parted = white.copy(), white.copy()
+    parted[300:400] += 3.0
+    noise = Noise([run("a", quiet), run("b", parted)], [quiet, parted], [np.zeros(white.size)] * 2)
+    scales = noise.scales
+    assert np.median(scales[1][330:370]) > 100.0 * np.median(scales[1][:200])
+    assert np.median(scales[1][:200]) < 2.0 * np.median(scales[0])
+
+
+def test_a_few_seconds_that_do_not_fit_cost_their_logarithm_not_their_square(white):
+    worse = white.copy()
+    worse[300:330] += 1.0
+    noise = Noise([run("a", white)], [white], [np.zeros(white.size)])
+    heavy, cost = noise.heavy([worse])
+    plain = 0.5 * np.sum(noise.whiten(0, worse) ** 2)
+    tailed = 0.5 * np.sum(heavy.whiten(0, worse) ** 2) + cost
+    assert tailed < 0.5 * plain
+    assert noise.heavy([white])[1] == 0.0
