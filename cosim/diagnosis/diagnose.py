@@ -21,6 +21,7 @@ from cosim.diagnosis.localise import SHAFT_TORQUE, disturbances, goes_with
 from cosim.diagnosis.noise import Noise
 from cosim.diagnosis.plants import FullOrderCar, InstrumentedPlant, RigidPlant, Run, plant_for
 from cosim.diagnosis.predict import Predictor, coordinates
+from cosim.diagnosis.profit import profit
 from cosim.diagnosis.residuals import wrong
 from cosim.files import write_text
 from cosim.measured import Measurement, load
@@ -355,4 +356,5 @@ def _extend(diagnosis: Diagnosis, predictor: Predictor, found: Identification, o
     diagnosis.finding["gain"] = {
         "held_out": [{"manoeuvre": row.run, "signal": row.signal, "nrmse_before": row.nrmse_before,
                       "nrmse_after": row.nrmse_after, "noise_floor": row.noise_floor} for row in rows],
-        "fraction_of_noise_floor": float(np.median(after / floor))}
+        "fraction_of_noise_floor": float(np.median(after / floor)),
+        "estimators": profit(car.source, changes, reserved)}

@@ -20,7 +20,7 @@ from scipy.linalg import cho_factor, cho_solve
 from cosim.diagnosis.predict import Coordinate
 
 # By how much what one manoeuvre says of a parameter may differ from what the next says, in detection limits.
-HETEROGENEITY = 0.25
+HETEROGENEITY = 0.2
 
 
 def prior(coordinates: Sequence[Coordinate], causes: Iterable[str]) -> np.ndarray:

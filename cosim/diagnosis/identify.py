@@ -21,7 +21,9 @@ from cosim.diagnosis.predict import Predictor
 log = logging.getLogger("cosim")
 
 MOST_CAUSES = 9
-SMALLEST = 0.6  # of a cause, in detection limits: less is what healthy cars differ by
+# Of a cause, in detection limits: less is what healthy cars differ by. Beside another cause errors of its fit
+# are as large.
+SMALLEST, SMALLEST_FURTHER = 0.6, 0.9
 PRIOR_CAUSE = -4.0  # log odds that a given cause is there
 _ACCEPT = 3.0  # log odds to take an cause in
 _ENSEMBLE = 8  # simulations with a wandering torque
@@ -114,7 +116,7 @@ class Search:
         noise, cost = noise.heavy(self.residuals(fit.predicted))
         fit.evidence = self.seen(fit, noise, self.slopes(noise, fit.jacobians))
         fit.posterior = fit.evidence.posterior(prior(self.coordinates, fit.causes))
-        fit.score = fit.posterior.log_evidence - cost + PRIOR_CAUSE * len(fit.causes)
+        fit.score = fit.posterior.log_evidence - cost + log_prior(fit.causes)
         return fit
 
     def seen(self, fit: Fit, noise: Noise, slopes: Sequence[Slopes]) -> Evidence:
@@ -215,6 +217,11 @@ class Search:
             whole[:, columns] = part
         return fit
 
+    def worth(self, fit: Fit) -> bool:
+        """Whether all its causes are large enough to be some."""
+        sizes = sorted(self.size(fit, cause) for cause in fit.causes)
+        return not sizes or sizes[-1] >= SMALLEST and all(size >= SMALLEST_FURTHER for size in sizes[:-1])
+
     # -- screening ------------------------------------------------------------------------------
 
     def candidates(self, fit: Fit, noise: Noise) -> list[tuple[float, tuple[str, ...]]]:
@@ -229,7 +236,7 @@ class Search:
                 sets.add(_key((*(e for e in fit.causes if e != gone), cause)))
         for gone in fit.causes:
             sets.add(_key(e for e in fit.causes if e != gone))
-        scored = [(evidence.posterior(prior(self.coordinates, s)).log_evidence + PRIOR_CAUSE * len(s), s)
+        scored = [(evidence.posterior(prior(self.coordinates, s)).log_evidence + log_prior(s), s)
                   for s in sets]
         return sorted(scored, reverse=True)
 
@@ -324,7 +331,7 @@ class Search:
         for causes in self._rivals(best, noise, tried):
             tried[causes] = self.refine(self.start(best, causes), noise, 4)
         fits = sorted((self.assess(fit, noise) for fit in tried.values()), key=lambda fit: -fit.score)
-        fits = [fit for fit in fits if all(self.size(fit, e) >= SMALLEST for e in fit.causes)]
+        fits = [fit for fit in fits if self.worth(fit)]
         if fits[0].score > tried[best.causes].score + _ACCEPT:
             best = fits[0]
         best = tried[best.causes]
@@ -332,8 +339,7 @@ class Search:
 
     def _rivals(self, best: Fit, noise: Noise, tried: dict[tuple[str, ...], Fit]) -> list[tuple[str, ...]]:
         """Suppositions not yet fitted that may explain as much as the best."""
-        own = best.evidence.posterior(prior(self.coordinates, best.causes)).log_evidence + PRIOR_CAUSE * len(
-            best.causes)
+        own = best.evidence.posterior(prior(self.coordinates, best.causes)).log_evidence + log_prior(best.causes)
         return [s for score, s in self.candidates(best, noise)
                 if score > own - _RIVAL and s not in tried and len(s) <= max(1, len(best.causes))][:_RIVALS]
 
@@ -372,7 +378,7 @@ class Search:
         self.say("; ".join(f"{'+'.join(f.causes) or 'healthy'} {f.score - best.score:+.0f}" for f in
                            sorted([leader, *again], key=lambda fit: -fit.score)))
         leader = max([leader, *again], key=lambda fit: fit.score)
-        if leader.score < best.score + _ACCEPT or any(self.size(leader, e) < SMALLEST for e in leader.causes):
+        if leader.score < best.score + _ACCEPT or not self.worth(leader):
             return None
         return leader
 
@@ -387,6 +393,13 @@ class Search:
             if cost < now and cost < found.get(start.causes, (np.inf,))[0]:
                 found[start.causes] = (cost, start)
         return [start for _, start in found.values()]
+
+
+def log_prior(causes: Iterable[str]) -> float:
+    """Log odds of a set of causes before anything was measured."""
+    causes = list(causes)
+    count = len({cause.partition(":")[0] for cause in causes})
+    return FIRST * min(count, 1) + FURTHER * max(count - 1, 0) + SECOND_PARAMETER * (len(causes) - count)
 
 
 def _key(causes: Iterable[str]) -> tuple[str, ...]:

@@ -26,7 +26,7 @@ from driveline.quantities import InputError
 RUN_NUISANCES = {"start_speed": (0.3, 0.02), "grade": (0.001, 5e-4), "torque": (1.0, 0.5)}
 HEALTHY = 0.04  # by how much other numbers of the file are wrong, one sigma of the logarithm
 # What the catalogue can name is right in a healthy car but for this share of what shows.
-TOLERANCE = 0.25
+TOLERANCE = 0.2
 _STEP = 0.25  # of differences, in detection limits
 # Numbers of the file that no effect of the catalogue moves alone, but that are no better known.
 _FILE = ("converter.impeller_inertia", "converter.turbine_inertia", "lockup_clutch.plate_inertia",

@@ -1,0 +1,76 @@
+"""How the estimators of a control unit profit from the extended vehicle: what is left for them to be surprised by."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from cosim.diagnosis.plants import Run
+from driveline.estimators import ESTIMATORS
+from driveline.quantities import InputError
+from driveline.vehicles import Vehicle
+
+ASKED = ("dskse", "tkbse")
+_FRAME = 0.01  # s
+# What is compared: output, in words, unit, and how a run's values become one number.
+_QUANTITIES = (("unexplained_torque", "torque its innovations stand for, rms", "N.m"),
+               ("lash_size", "lash found, total at the propeller shaft", "rad"))
+
+
+def profit(source: Vehicle, changes: Mapping[str, float], runs: Sequence[Run]) -> list[dict[str, Any]]:
+    """What the thesis's estimators make of recordings, their driveline from the vehicle as it was and extended.
+
+    Args:
+        source: The vehicle as its file has it.
+        changes: Its values that are other ones in the extended vehicle.
+        runs: Recordings that were not used to find them; those without engine or wheel speed are passed over.
+
+    Returns:
+        Rows ``estimator, quantity, before, after, unit``; a lash that no tip-in showed is left out.
+    """
+    rows = []
+    extended = replace(source, values={**source.values, **changes})
+    for name in ASKED:
+        found: list[dict[str, list[float]]] = []
+        for vehicle in (source, extended):
+            heard: dict[str, list[float]] = {}
+            for run in runs:
+                if {"engine_speed", "wheel_speed"} <= set(run.clocks):
+                    for quantity, value in _heard(name, vehicle, run).items():
+                        heard.setdefault(quantity, []).append(value)
+            found.append(heard)
+        before, after = found
+        rows += [{"estimator": name.upper(), "quantity": words, "before": float(np.mean(before[quantity])),
+                  "after": float(np.mean(after[quantity])), "unit": unit}
+                 for quantity, words, unit in _QUANTITIES if quantity in before and quantity in after]
+    return rows
+
+
+def _heard(name: str, vehicle: Vehicle, run: Run) -> dict[str, float]:
+    """What an estimator says of one recording."""
+    kind = ESTIMATORS[name]
+    values = kind.defaults_from(vehicle, run.gear)
+    model = kind(values)
+    for key, value in values.items():
+        model[key] = value
+    model["sampling.period"] = _FRAME
+    begin = max(float(run.clocks[c][0]) for c in ("engine_speed", "wheel_speed"))
+    times = np.arange(begin, run.time[-1], _FRAME)
+    frames = np.tile([model[variable.name] for variable in model.inputs], (times.size, 1))
+    names = [variable.name for variable in model.inputs]
+    frames[:, names.index("engine_torque")] = np.interp(times, run.time, run.inputs[:, 0])
+    for channel in ("engine_speed", "wheel_speed"):
+        frames[:, names.index(channel)] = np.interp(times, run.clocks[channel], run.measured[channel])
+    try:
+        model.initialize()
+    except InputError:  # a driveline no estimator can be made for: without lash, say
+        return {}
+    table = {v.name: column for v, column in zip(model.output_variables, model.simulate(frames).T)}
+    settled = table["unexplained_torque"][round(1.0 / _FRAME):]
+    heard = {"unexplained_torque": float(np.sqrt(np.mean(settled**2)))}
+    if table.get("lash_size", np.zeros(1))[-1] > 0.0:
+        heard["lash_size"] = float(table["lash_size"][-1])
+    return heard
