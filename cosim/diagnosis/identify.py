@@ -24,8 +24,9 @@ MOST_CAUSES = 9
 # Of a cause, in detection limits: less is what healthy cars differ by. Beside another cause errors of its fit
 # are as large.
 SMALLEST, SMALLEST_FURTHER = 0.6, 0.9
-PRIOR_CAUSE = -4.0  # log odds that a given cause is there
-_ACCEPT = 3.0  # log odds to take an cause in
+FIRST, FURTHER = -3.0, -7.0  # log odds that a given effect is there, as the first and beside others
+SECOND_PARAMETER = -3.0  # and that a second parameter of an effect is off as well
+_ACCEPT = 2.0  # log odds to take a cause in
 _ENSEMBLE = 8  # simulations with a wandering torque
 _SHORTLIST = 5  # suppositions that are fitted in each round
 _RIVAL, _RIVALS = 8.0, 3  # linear log evidence below the best at which a rival is fitted; how many
