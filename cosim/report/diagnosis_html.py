@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
     from cosim.diagnosis.diagnose import Diagnosis
 
 _PICTURES, _LINES = 4, 12
+_LIKELY = 0.1  # causes less probable are a bar, no more
+_SQUARE = re.compile(r"(?<=[ms])2\b")
 _PLACES = ("engine", "converter", "transmission", "propeller shaft", "axle", "wheel", "vehicle")
 _SENSORS = {"engine_speed": "engine", "turbine_speed": "transmission", "vehicle_speed": "vehicle",
             "transmission_output_speed": "propeller shaft", "propeller_shaft_torque": "propeller shaft",
@@ -34,7 +37,7 @@ _ALONG = ("vehicle", "carriage")
 
 def render(diagnosis: Diagnosis) -> str:
     """The page as HTML; it needs nothing else to be shown."""
-    finding = diagnosis.finding
+    finding = dict.fromkeys(("next_manoeuvre", "unknown", "extension", "gain")) | diagnosis.finding
     traces = diagnosis.traces
     return _PAGE.render(
         title=f"Diagnosis of {diagnosis.measurement.name}", verdict=finding["verdict"],
@@ -45,7 +48,8 @@ def render(diagnosis: Diagnosis) -> str:
         wrong=[_row(entry) for entry in finding["wrong"][:_LINES]],
         more=max(0, len(finding["wrong"]) - _LINES), story=_story(finding["wrong"]),
         pictures=_pictures(finding["wrong"], traces), shares=_shares(finding, getattr(diagnosis, "suspects", [])),
-        causes=[_cause(cause) for cause in finding["causes"]], place=_place(diagnosis), rivals=_rivals(finding),
+        causes=[_cause(c) for i, c in enumerate(finding["causes"]) if i == 0 or c["probability"] >= _LIKELY],
+        place=_place(diagnosis), rivals=_rivals(finding),
         next=finding["next_manoeuvre"], unknown=finding["unknown"], missing=_missing(finding["unknown"]),
         disturbances=_disturbances(finding["unknown"], getattr(diagnosis, "disturbance", {})),
         gain=_gain(finding["gain"]), extension=finding["extension"], notices=diagnosis.notices,
@@ -58,7 +62,7 @@ def _words(name: str) -> str:
 
 def _unit(unit: str) -> str:
     """A unit as it is printed, ``N·m/rad``; nothing for plain numbers."""
-    return "" if unit == "1" else unit.replace(".", "\N{MIDDLE DOT}").replace("m/s2", "m/s\N{SUPERSCRIPT TWO}")
+    return "" if unit == "1" else _SQUARE.sub("\N{SUPERSCRIPT TWO}", unit.replace(".", "\N{MIDDLE DOT}"))
 
 
 def _with_unit(value: float, unit: str) -> str:
@@ -114,8 +118,17 @@ def _either(names: Sequence[str]) -> str:
 
 def _about(finding: Mapping[str, Any]) -> list[str]:
     """What the causes named are, in the catalogue's words."""
-    return [CATALOGUE[c["effect"]].summary for c in finding["causes"]
-            if c["effect"] in CATALOGUE and (finding["verdict"] == "ambiguous" or c["probability"] >= 0.5)]
+    return [_summary(c) for c in finding["causes"]
+            if c["probability"] >= (_LIKELY if finding["verdict"] == "ambiguous" else 0.5)]
+
+
+def _summary(cause: Mapping[str, Any]) -> str:
+    """What an effect is; where its numbers are those of a bench, what these are."""
+    effect = CATALOGUE.get(cause["effect"])
+    if effect is None:
+        return ""
+    bench = [p.meaning for p in effect.elsewhere if p.name in cause["parameters"]]
+    return "; ".join(bench).capitalize() if bench else effect.summary
 
 
 def _row(entry: Mapping[str, Any]) -> dict[str, Any]:
@@ -135,7 +148,7 @@ def _number(value: float | None, factor: float, digits: int, size: float) -> str
 
 def _dotted(words: str) -> str:
     """Units within a sentence as they are printed."""
-    return words.replace("N.m", "N\N{MIDDLE DOT}m").replace("m/s2", "m/s\N{SUPERSCRIPT TWO}")
+    return _SQUARE.sub("\N{SUPERSCRIPT TWO}", words.replace("N.m", "N\N{MIDDLE DOT}m"))
 
 
 def _chance(p: float) -> str | Markup:
@@ -212,16 +225,16 @@ def _shares(finding: Mapping[str, Any], suspects: Iterable[Mapping[str, Any]]) -
     for suspect in suspects:
         if suspect["probability"] >= 0.01:
             found.setdefault(suspect["effect"], float(suspect["probability"]))
-    rest = 1.0 - sum(found.values())
+    rest = 1.0 - sum(found.values())  # below 0: several act at once
     rows = [{"name": _words(name), "share": share, "rest": False}
             for name, share in sorted(found.items(), key=lambda item: -item[1])[:8]]
-    return [*rows, {"name": "something else", "share": max(rest, 0.0), "rest": True}]
+    return rows if rest < 0.0 else [*rows, {"name": "something else", "share": rest, "rest": True}]
 
 
 def _cause(cause: Mapping[str, Any]) -> dict[str, Any]:
     effect = CATALOGUE.get(cause["effect"])
     return {"name": _words(cause["effect"]), "probability": cause["probability"], "moved": _moved(cause),
-            "summary": effect.summary if effect else "",
+            "summary": _summary(cause),
             "parameters": [_parameter(name, p, effect) for name, p in cause["parameters"].items()]}
 
 
@@ -249,7 +262,7 @@ def _place(diagnosis: Diagnosis) -> dict[str, Any] | None:
     kinds = []
     for cause in finding["causes"]:
         effect = CATALOGUE.get(cause["effect"])
-        if effect is None or cause["probability"] < 0.05:
+        if effect is None or cause["probability"] < _LIKELY:
             continue
         kind, _, name = effect.acts_on.partition(" ")
         if kind in ("sensor", "input"):
@@ -258,7 +271,7 @@ def _place(diagnosis: Diagnosis) -> dict[str, Any] | None:
             kind = "plant"
             marked.setdefault(effect.acts_on, []).append(_words(cause["effect"]))
         kinds.append(kind)
-    if finding["unknown"] and finding["verdict"] == "unknown":
+    if finding["verdict"] == "unknown" and finding.get("unknown"):
         marked.setdefault(finding["unknown"]["balance"], []).append(f"missing {_missing(finding['unknown'])[0]}")
         kinds.append("plant")
     if not kinds:
@@ -268,9 +281,15 @@ def _place(diagnosis: Diagnosis) -> dict[str, Any] | None:
         drawn = Markup(svg.chain(_PLACES, {k: ", ".join(dict.fromkeys(v)) for k, v in marked.items()},
                                  "where it is: " + ", ".join(marked)))
     what = "car" if diagnosis.car.name == "plant_fom" else "bench"
-    said = {"sensor": f"in a sensor: the {what} itself is as its file says",
-            "input": f"in what drives the simulation, not in the {what}", "plant": f"in the {what} itself"}
-    return {"kinds": " or ".join(said[k] for k in dict.fromkeys(kinds)), "places": ", ".join(marked), "svg": drawn}
+    said = {"sensor": "in a sensor", "input": "in what drives the simulation", "plant": f"in the {what} itself"}
+    places = [said[kind] for kind in dict.fromkeys(kinds)]
+    if len(places) == 1:
+        where = places[0] + ("" if kinds[0] == "plant" else f"; the {what} itself is as its file says")
+    elif finding["verdict"] == "ambiguous":
+        where = _either(places)
+    else:
+        where = ", ".join(f"partly {place}" for place in places)
+    return {"where": where, "places": ", ".join(marked), "svg": drawn}
 
 
 def _rivals(finding: Mapping[str, Any]) -> list[dict[str, str]]:

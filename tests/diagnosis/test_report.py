@@ -55,10 +55,9 @@ addEventListener('load', () => {
   for (const frame of document.querySelectorAll('iframe')) {
     const d = frame.contentDocument;
     frame.style.height = d.documentElement.scrollHeight + 'px';
-    const at = frame.getBoundingClientRect();
     all[frame.id] = {problems: check(d), verdict: d.querySelector('#verdict').innerText,
       pictures: [...d.querySelectorAll('svg')].map(p => { const b = p.getBoundingClientRect();
-        return [p.getAttribute('aria-label'), at.left + b.left, at.top + b.top, b.width, b.height]; })};
+        return [p.getAttribute('aria-label'), b.left, b.top, b.width, b.height]; })};
   }
   document.querySelector('#result').textContent = JSON.stringify(all);
 });
@@ -231,24 +230,30 @@ def browsed(pages, tmp_path_factory):
     if CHROMIUM is None:
         pytest.skip("no Chromium here: the report was not looked at in a browser")
     folder = tmp_path_factory.mktemp("browser")
-    frames = "".join(f'<iframe id="{verdict} {width}" width="{width}" style="border:0;display:block" '
-                     f'srcdoc="{html.escape(page, quote=True)}"></iframe>'
-                     for verdict, page in pages.items() for width in WIDTHS)
-    (folder / "all.html").write_text(f'<!DOCTYPE html><meta charset="utf-8"><body style="margin:0">'
-                                     f'{frames}<pre id="result"></pre><script>{CHECK}</script>')
 
-    def chromium(*options):
+    def chromium(name, content, *options):
+        (folder / name).write_text(f'<!DOCTYPE html><meta charset="utf-8"><body style="margin:0">{content}')
         done = subprocess.run(
             [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--enable-logging=stderr",
-             f"--user-data-dir={folder / 'profile'}", *options, (folder / "all.html").as_uri()],
-            capture_output=True, text=True, timeout=120, check=True)
+             f"--user-data-dir={folder / 'profile'}", *options, (folder / name).as_uri()],
+            capture_output=True, text=True, timeout=240, check=True)
         return done.stdout, [line for line in done.stderr.splitlines() if ":CONSOLE" in line]
 
-    dom, said = chromium("--dump-dom", "--window-size=1250,4000")
+    def frame(verdict, width, style):
+        return (f'<iframe id="{verdict} {width}" width="{width}" style="border:0;{style}" '
+                f'srcdoc="{html.escape(pages[verdict], quote=True)}"></iframe>')
+
+    frames = "".join(frame(verdict, width, "display:block") for verdict in VERDICTS for width in WIDTHS)
+    dom, said = chromium("check.html", f'{frames}<pre id="result"></pre><script>{CHECK}</script>', "--dump-dom",
+                         "--window-size=1250,4000")
     result = json.loads(html.unescape(re.search(r'<pre id="result">(.*?)</pre>', dom, re.S).group(1)))
-    lowest = max(top + height for page in result.values() for *_, top, _, height in page["pictures"])
-    chromium(f"--screenshot={folder / 'all.png'}", f"--window-size=1250,{int(lowest) + 200}")
-    return SimpleNamespace(result=result, said=said, image=imread(folder / "all.png"))
+    lowest = int(max(top + high for page in result.values() for _, _, top, across, high in page["pictures"]
+                     if across > 0.3 * WIDTHS[0])) + 20
+    across = len(VERDICTS) * WIDTHS[0]
+    frames = "".join(frame(verdict, WIDTHS[0], f"height:{lowest}px") for verdict in VERDICTS)
+    chromium("look.html", f'<div style="display:flex;width:{across}px">{frames}</div>',
+             f"--screenshot={folder / 'look.png'}", f"--window-size={across},{lowest}")
+    return SimpleNamespace(result=result, said=said, image=imread(folder / "look.png"))
 
 
 @pytest.mark.parametrize("width", WIDTHS)
@@ -262,9 +267,9 @@ def test_in_a_browser_nothing_is_outside_its_box(browsed, verdict, width):
 
 @pytest.mark.parametrize("verdict", VERDICTS)
 def test_in_a_browser_every_picture_has_ink(browsed, verdict):
-    for width in WIDTHS[:2]:
-        pictures = browsed.result[f"{verdict} {width}"]["pictures"]
-        assert len(pictures) >= 4
-        for name, left, top, across, down in pictures:
-            pixels = browsed.image[round(top):round(top + down), round(left):round(left + across), :3]
-            assert np.mean(pixels.min(axis=2) < 0.8) > 0.004, name
+    pictures = browsed.result[f"{verdict} {WIDTHS[0]}"]["pictures"]
+    begin = VERDICTS.index(verdict) * WIDTHS[0]
+    assert len(pictures) >= 4
+    for name, left, top, across, down in pictures:
+        pixels = browsed.image[round(top):round(top + down), round(begin + left):round(begin + left + across), :3]
+        assert np.mean(pixels.min(axis=2) < 0.8) > 0.004, name
