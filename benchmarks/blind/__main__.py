@@ -30,7 +30,9 @@ from driveline.quantities import InputError
 
 def main(arguments: Sequence[str] | None = None) -> int:
     options = _options(arguments)
-    logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stderr)
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setLevel(logging.WARNING)  # dask's own loggers tell more than that
+    logging.basicConfig(format="%(message)s", handlers=[handler])
     try:
         counts = wanted(options.categories, options.cases)
         if options.print:
