@@ -17,6 +17,7 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import PchipInterpolator
 from scipy.linalg import cho_factor, cho_solve
 from scipy.stats import ttest_1samp
 
@@ -26,7 +27,7 @@ from cosim.diagnosis.plants.rigid import RigidPlant
 from cosim.diagnosis.plants.run import STEP, Run
 from cosim.diagnosis.regression import Band, dependence, paired
 
-TRIM = 0.25  # s, at both ends of a run
+TRIM = 6.0  # periods of the band's edge, at both ends of a run
 BLOCK = 2.0  # s
 SIGNIFICANT = 0.01  # after correction for the number of effects
 SKEW, FRAMES = 2e-3, 0.5  # by how much the samples of a channel are late, one sigma: s, and sampling intervals
@@ -37,6 +38,7 @@ MOST = 4  # effects at once
 APART = 3.0  # sigma: causes that are closer cannot be told apart
 LISTED = 0.02  # less probable causes are not listed
 STRUCTURE = 0.2  # share of what is left that goes with one variable, from which on it is no noise
+MOSTLY = 0.5  # from which share on no effect is a cause beside it
 RIVALS = 4  # other explanations that are listed
 _FRAMES = " frames"
 
@@ -144,13 +146,18 @@ class Torques:
         intervals = np.concatenate([np.diff(clock) for shown in self.shown for clock, _ in shown.values()])
         self.interval = float(np.mean(intervals))
         self.band = band or Band.sampled(float(np.quantile(intervals, 0.9)))
+        self.trim = TRIM / self.band.edge
         self.channels = list(self.shown[0])
         nominal = self.measured({})
         self.scale = {c: float(np.sqrt(np.mean(np.concatenate([m[c] for m in nominal]) ** 2))) for c in self.channels}
 
+    def thinned(self, signal: np.ndarray) -> np.ndarray:
+        """What of a run's signal is compared, unfiltered."""
+        return self.band.thinned(signal, STEP, self.trim)
+
     def clock(self, run: int) -> np.ndarray:
         """Instants [s] of what is compared."""
-        return self.band.thinned(self.motions[run].time, STEP, TRIM)
+        return self.thinned(self.motions[run].time)
 
     def measured(self, skew: Mapping[str, float]) -> list[dict[str, np.ndarray]]:
         """Every run's measured torques, filtered, if their samples were late.
@@ -166,7 +173,8 @@ class Torques:
                 interval = np.diff(clock, prepend=2.0 * clock[0] - clock[1])
                 true = clock - skew.get(name, 0.0) - skew.get(name + _FRAMES, 0.0) * interval
                 later = np.concatenate([[True], np.diff(np.maximum.accumulate(true)) > 0.0])
-                signals[name] = np.interp(motion.time, true[later], values[later])
+                within = np.clip(motion.time, true[0], true[later][-1])
+                signals[name] = PchipInterpolator(true[later], values[later])(within)
             found.append(self._filtered(signals))
         return found
 
@@ -180,7 +188,7 @@ class Torques:
         return [{c: m[c] - n[c] for c in self.channels} for m, n in zip(self.measured(skew), self.needed(values))]
 
     def _filtered(self, signals: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        return {name: self.band.of(signal, STEP, TRIM) for name, signal in signals.items()}
+        return {name: self.band.of(signal, STEP, self.trim) for name, signal in signals.items()}
 
 
 class Inverse(Torques):
@@ -394,12 +402,16 @@ def diagnose_inverse(plant: RigidPlant, runs: Sequence[Run], reserved: Sequence[
     if tried[0].effects:
         inverse.relinearise(tried[0])
         tried = inverse.search()
-    best = _proved(inverse, tried)
+    best, tried = _proved(inverse, tried)
     shares = {name: 0.0 for name in inverse.effects} | _shares(tried)
     rivals = _rivals(tried, best)
     close = [rival for rival in rivals if rival["separation_sigma"] < APART]
     share, unknown = _unknown(inverse)
     strange = share > STRUCTURE
+    if share > MOSTLY:  # causes that leave that are what is nearest, not what is
+        best, tried = inverse.supposed(()), []
+        shares = dict.fromkeys(shares, 0.0)
+        rivals = close = []
     verdict = (("ambiguous" if close else "cause") if best.effects else "unknown" if listed or strange else "none")
     after, skew = inverse.at(best.point, best.effects)
     finding = {
@@ -427,17 +439,19 @@ def diagnose_inverse(plant: RigidPlant, runs: Sequence[Run], reserved: Sequence[
     return InverseDiagnosis(finding, after, traces, shares, notices)
 
 
-def _proved(inverse: Inverse, tried: Sequence[Supposition]) -> Supposition:
-    """The most evident set, without what does not predict better time that was left out."""
-    by_set = {s.effects: s for s in tried}
-    best = tried[0]
-    while best.effects:
-        doubts = inverse.significance(best.effects)
+def _proved(inverse: Inverse, tried: Sequence[Supposition]) -> tuple[Supposition, list[Supposition]]:
+    """The most evident set all of whose effects predict better time that was left out, and the sets still in question.
+
+    An effect that does not is no cause in any set.
+    """
+    tried = list(tried)
+    while tried[0].effects:
+        doubts = inverse.significance(tried[0].effects)
         worst = max(doubts, key=doubts.__getitem__)
         if doubts[worst] < SIGNIFICANT:
             break
-        best = by_set[tuple(e for e in best.effects if e != worst)]
-    return best
+        tried = [s for s in tried if worst not in s.effects]
+    return tried[0], tried
 
 
 def _shares(tried: Sequence[Supposition]) -> dict[str, float]:
@@ -522,7 +536,7 @@ def _unknown(inverse: Inverse) -> tuple[float, dict[str, Any]]:
         if channel in inverse.channels:
             error = np.concatenate([m[channel] for m in missing])
             for name in ("speed", "acceleration", "position", "time"):
-                over = np.concatenate([inverse.band.thinned(getattr(motion, name), STEP, TRIM)
+                over = np.concatenate([inverse.thinned(getattr(motion, name))
                                        for motion in inverse.motions])
                 share, shape, size = _shape(over, error)
                 found.append((share, {"balance": node, "driving_variable": name, "shape": shape, "size": size}))
@@ -586,8 +600,9 @@ def _next(inverse: Inverse, tried: Sequence[Supposition], best: Supposition,
         motion = replace(measured, speed=speed, acceleration=np.gradient(speed, STEP))
         a, b = (plant.torques(values, run, motion, every=True) for values in pair)
         for channel in a:
-            sigma = inverse.sigma.get(channel, SLIGHT * float(np.std(inverse.band.of(a[channel], STEP, TRIM))))
-            apart = float(np.linalg.norm(inverse.band.of(a[channel] - b[channel], STEP, TRIM) / max(sigma, 1e-300)))
+            sigma = inverse.sigma.get(channel, SLIGHT * float(np.std(inverse.band.of(a[channel], STEP, inverse.trim))))
+            apart = float(np.linalg.norm(inverse.band.of(a[channel] - b[channel], STEP, inverse.trim)))
+            apart /= max(sigma, 1e-300)
             new = channel not in inverse.channels
             found.append({"kind": kind, "gear": 0, "separation_sigma": apart,
                           "why": (f"the two differ in {channel}" + (", which was not recorded" if new else "")

@@ -73,7 +73,9 @@ class InstrumentedPlant:
 
     def knows(self, name: str) -> bool:
         """Whether a value of this name does anything here: of the plant, an input or an instrument."""
-        return name in self._parameters or name.startswith(("input.", "observe."))
+        where, _, rest = name.partition(".")
+        known = {"input": self.columns, "observe": self.channels}
+        return rest.partition(".")[0] in known[where] if where in known else name in self._parameters
 
     def raw(self, values: Mapping[str, float], run: Run, nuisance: Nuisance = NONE,
             torque: np.ndarray | float = 0.0) -> dict[str, np.ndarray]:

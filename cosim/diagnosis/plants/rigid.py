@@ -61,12 +61,6 @@ class RigidPlant(InstrumentedPlant):
     motions: ClassVar[tuple[str, ...]]
     sections: ClassVar[Mapping[str, str]]
 
-    def knows(self, name: str) -> bool:
-        """As for any plant; of instruments only those there are."""
-        if name.startswith(("observe.", "input.")):
-            return name.split(".")[1] in (self.channels if name.startswith("observe.") else self.columns)
-        return super().knows(name)
-
     @property
     def ranges(self) -> dict[str, tuple[float, float]]:
         """Smallest and largest possible value of every parameter of the plant."""
