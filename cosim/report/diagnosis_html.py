@@ -90,8 +90,7 @@ def _moved(cause: Mapping[str, Any]) -> str:
 def _headline(finding: Mapping[str, Any]) -> str:
     causes, verdict = finding["causes"], finding["verdict"]
     if verdict == "cause" and causes:
-        likely = [cause for cause in causes if cause["probability"] >= 0.5] or causes[:1]
-        return "; ".join(f"{_words(c['effect']).capitalize()}: {_moved(c)}" for c in likely)
+        return "; ".join(f"{_words(c['effect']).capitalize()}: {_moved(c)}" for c in _named(finding))
     if verdict == "ambiguous":
         names = list(dict.fromkeys(
             [_words(c["effect"]) for c in causes]
@@ -118,8 +117,16 @@ def _either(names: Sequence[str]) -> str:
 
 def _about(finding: Mapping[str, Any]) -> list[str]:
     """What the causes named are, in the catalogue's words."""
-    return [_summary(c) for c in finding["causes"]
-            if c["probability"] >= (_LIKELY if finding["verdict"] == "ambiguous" else 0.5)]
+    return [_summary(c) for c in _named(finding)]
+
+
+def _named(finding: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """The causes a verdict speaks of: those about as likely as the first, as several that act at once divide
+    their probability; where it is ambiguous, all that are likely."""
+    if not finding["causes"] or finding["verdict"] in ("none", "unknown"):
+        return []
+    least = _LIKELY if finding["verdict"] == "ambiguous" else 0.5 * max(c["probability"] for c in finding["causes"])
+    return [c for c in finding["causes"] if c["probability"] >= least]
 
 
 def _summary(cause: Mapping[str, Any]) -> str:

@@ -160,6 +160,10 @@ class FullOrderCar(InstrumentedPlant):
         gear = int(inputs[0, columns["gear"]]) if "gear" in manoeuvre else manoeuvre.gear
         if gear is None:
             gear = self._gear(manoeuvre, start, stop)
+        try:
+            self._plant.inputs[columns["gear"]].check(gear)
+        except InputError as error:
+            raise InputError(f"manoeuvre '{manoeuvre.name}': {error}") from error
         inputs[:, columns["gear"]] = gear
         speed = self._start_speed(manoeuvre, gear, start)
         if gear < 1 or not speed > 1.0:
