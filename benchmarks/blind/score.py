@@ -165,6 +165,7 @@ class Row:
         here, low, high: Figure and its 95 % interval; None where there is nothing to take it from.
         n: Of how many.
         met: Whether the figure itself meets the target; None without one.
+        shown: Whether the whole interval does, so that it is no luck of a few cases.
         percent: Whether it is a share.
     """
 
@@ -176,6 +177,7 @@ class Row:
     high: float | None
     n: int
     met: bool | None
+    shown: bool | None = None
     percent: bool = True
 
     def cells(self) -> list[str]:
@@ -186,7 +188,7 @@ class Row:
             return f"{100.0 * x:.3g} %" if self.percent else f"{x:.3g}"
 
         interval = f"{told(self.low)} to {told(self.high)}" if told(self.low) and told(self.high) else ""
-        met = {True: "yes", False: "**no**", None: ""}[self.met if self.here is not None else None]
+        met = {True: "yes" if self.shown else "not shown", False: "**no**", None: ""}[self.met]
         return [self.cases, self.quantity, self.target, told(self.here), interval, str(self.n), met]
 
 
@@ -200,7 +202,8 @@ def rate(cases: str, quantity: str, hits: Iterable[bool], target: tuple[str, flo
         return Row(cases, quantity, _words(target), None, None, None, 0, None)
     here = sum(hits) / len(hits)
     interval = binomtest(sum(hits), len(hits)).proportion_ci(method="wilson")
-    return Row(cases, quantity, _words(target), here, interval.low, interval.high, len(hits), _meets(here, target))
+    return Row(cases, quantity, _words(target), here, interval.low, interval.high, len(hits), _meets(here, target),
+               _shown(interval.low, interval.high, target))
 
 
 def median(cases: str, quantity: str, values: Iterable[float], target: tuple[str, float] | None = None,
@@ -208,19 +211,21 @@ def median(cases: str, quantity: str, values: Iterable[float], target: tuple[str
     """A median with the interval of its order statistics."""
     values = np.array(list(values), dtype=np.float64)
     if values.size == 0:
-        return Row(cases, quantity, _words(target, percent), None, None, None, 0, None, percent)
+        return Row(cases, quantity, _words(target, percent), None, None, None, 0, None, percent=percent)
     here, interval = float(np.median(values)), quantile_test(values, p=0.5).confidence_interval()
-    return Row(cases, quantity, _words(target, percent), here, _number(interval.low), _number(interval.high),
-               values.size, _meets(here, target), percent)
+    low, high = _number(interval.low), _number(interval.high)
+    return Row(cases, quantity, _words(target, percent), here, low, high, values.size, _meets(here, target),
+               _shown(low, high, target), percent)
 
 
 def mean(cases: str, quantity: str, values: Iterable[float], target: tuple[str, float] | None = None) -> Row:
     """A mean with its bootstrapped interval."""
     values = np.array(list(values), dtype=np.float64)
     if values.size == 0:
-        return Row(cases, quantity, _words(target, False), None, None, None, 0, None, False)
+        return Row(cases, quantity, _words(target, False), None, None, None, 0, None, percent=False)
     here, low, high = _bootstrapped(values, lambda some: float(np.mean(some)))
-    return Row(cases, quantity, _words(target, False), here, low, high, values.size, _meets(here, target), False)
+    return Row(cases, quantity, _words(target, False), here, low, high, values.size, _meets(here, target),
+               _shown(low, high, target), False)
 
 
 def _bootstrapped(items: np.ndarray, figure: Callable[[np.ndarray], float]) -> tuple[float, float, float]:
@@ -243,6 +248,12 @@ def _meets(here: float, target: tuple[str, float] | None) -> bool | None:
     if target is None:
         return None
     return here >= target[1] if target[0] == ">=" else here <= target[1]
+
+
+def _shown(low: float | None, high: float | None, target: tuple[str, float] | None) -> bool | None:
+    if target is None or low is None or high is None:
+        return None
+    return _meets(low, target) and _meets(high, target)
 
 
 # -- the whole ------------------------------------------------------------------------------------
@@ -338,19 +349,20 @@ def _resolved(result: Result) -> bool:
 def _coverage(cases: str, hits: list[bool]) -> Row:
     row = rate(cases, "90 % intervals that hold the truth", hits)
     return Row(row.cases, row.quantity, "85 to 95 %", row.here, row.low, row.high, row.n,
-               row.here is not None and 0.85 <= row.here <= 0.95)
+               0.85 <= row.here <= 0.95 if row.n else None, row.n > 0 and 0.85 <= row.low and row.high <= 0.95)
 
 
 def _calibration(cases: str, results: Sequence[Result], target: float | None = 0.05) -> Row:
     some = [pairs for r in results if len(pairs := forecasts([r]))]
     name, aim = "expected calibration error", None if target is None else ("<=", target)
     if not some:
-        return Row(cases, name, _words(aim, False), None, None, None, 0, None, False)
+        return Row(cases, name, _words(aim, False), None, None, None, 0, None, percent=False)
     drawn = np.empty(len(some), dtype=object)
     drawn[:] = some
     here, low, high = _bootstrapped(drawn, lambda few: calibration_error(np.concatenate(list(few))))
     count = sum(len(pairs) for pairs in some)
-    return Row(cases, name, _words(aim, False), here, low, high, count, _meets(here, aim), False)
+    return Row(cases, name, _words(aim, False), here, low, high, count, _meets(here, aim), _shown(low, high, aim),
+               False)
 
 
 def _cocktail(results: Sequence[Result]) -> list[Row]:

@@ -96,6 +96,16 @@ def test_wilson_interval():
     assert score.rate("", "", [False] * 381).high < 0.01 < score.rate("", "", [False] * 380).high + 1e-5
 
 
+def test_a_target_that_few_cases_meet_is_not_shown():
+    few, many, no = (score.rate("", "", [False] * n, ("<=", 0.01)) for n in (2, 400, 0))
+    assert few.met and not few.shown and few.cells()[-1] == "not shown"
+    assert many.met and many.shown and many.cells()[-1] == "yes"
+    assert no.cells()[-1] == "" and no.n == 0
+    assert score.rate("", "", [True, False], (">=", 0.8)).cells()[-1] == "**no**"
+    median = score.median("", "", [0.01] * 4 + [0.2], ("<=", 0.05))
+    assert median.met and not median.shown
+
+
 def test_what_is_first_stated_and_named():
     causes = [cause("vehicle_mass", {}, 0.5), cause("engine_inertia", {}, 0.3), cause("tyre_slip", {}, 0.1)]
     found = finding("ambiguous", causes, [["backlash_size", "vehicle_mass"]])
