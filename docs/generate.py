@@ -217,8 +217,8 @@ def effect_page() -> str:
              "numbers that would put it right. The size of a number is a factor on what the vehicle file says "
              "(1: as the file says), or is added to it in SI (0: as the file says); outside the plausible range "
              "it is not a cause. `driveline hide EFFECT=SIZE` hides one; besides a bare size it takes `+15 %`, "
-             "`30 ms`, `+334 kg`, or `PARAMETER:SIZE,PARAMETER:SIZE`. Parameters of values that no car has are those of "
-             "[benches](plants/plant_bench.md).", ""]
+             "`30 ms`, `+334 kg`, or `PARAMETER:SIZE,PARAMETER:SIZE`. Parameters of values that no car has are those "
+             "of [benches](plants/plant_bench.md).", ""]
     rows = []
     for name, effect in CATALOGUE.items():
         for i, p in enumerate((*effect.parameters, *effect.elsewhere)):

@@ -68,10 +68,6 @@ class Direction:
         """The size of the effect's parameter, kept plausible."""
         return float(np.clip(self.parameter.neutral + x, *self.parameter.limits))
 
-    def plausible(self, x: float) -> bool:
-        """Whether the size is one that can be."""
-        return self.parameter.limits[0] <= self.parameter.neutral + x <= self.parameter.limits[1]
-
 
 @dataclass(frozen=True)
 class Block:
@@ -201,7 +197,7 @@ class Inverse(Torques):
 
     def __init__(self, plant: RigidPlant, runs: Sequence[Run]) -> None:
         super().__init__(plant, runs)
-        self.effects = shown_by(plant.knows)
+        self.effects, self.ranges = shown_by(plant.knows), plant.ranges
         self.nominal = self.missing(plant.values, {})
         self.directions: list[Direction] = []
         slopes = []
@@ -242,7 +238,7 @@ class Inverse(Torques):
         values = dict(self.plant.values)
         for name, given in sizes.items():
             values |= self.effects[name].changes(given, values)
-        for name, (low, high) in self.plant.ranges.items():
+        for name, (low, high) in self.ranges.items():
             values[name] = min(max(values[name], low), high)
         return values, {d.name: float(x) for d, x in zip(self.directions, point) if not d.effect}
 
@@ -313,10 +309,17 @@ class Inverse(Torques):
         effects = tuple(sorted(effects))
         point, covariance, log_evidence, misfit = self._solved(self.spread(effects))
         for d, x in zip(self.directions, point):
-            if d.effect in effects and not d.plausible(float(x)):
+            if d.effect in effects and not self._possible_at(d, float(x)):
                 log_evidence = -np.inf
         prior = len(effects) * np.log(RARE / (1.0 - RARE))
         return Supposition(effects, point, covariance, log_evidence + prior, misfit)
+
+    def _possible_at(self, direction: Direction, x: float) -> bool:
+        """Whether a size is plausible, and makes values that the plant can have."""
+        p, size = direction.parameter, direction.parameter.neutral + x
+        values = {t: p.applied(size, self.plant.values.get(t, p.neutral)) for t in p.targets}
+        return p.limits[0] <= size <= p.limits[1] and all(
+            low <= values[t] <= high for t, (low, high) in self.ranges.items() if t in values)
 
     def search(self) -> list[Supposition]:
         """All sets of up to two effects, and larger ones that grow from the best, most evident first."""
