@@ -247,7 +247,7 @@ def _words(target: tuple[str, float] | None, percent: bool = True) -> str:
 def _meets(here: float, target: tuple[str, float] | None) -> bool | None:
     if target is None:
         return None
-    return here >= target[1] if target[0] == ">=" else here <= target[1]
+    return bool(here >= target[1] if target[0] == ">=" else here <= target[1])
 
 
 def _shown(low: float | None, high: float | None, target: tuple[str, float] | None) -> bool | None:
@@ -349,7 +349,7 @@ def _resolved(result: Result) -> bool:
 def _coverage(cases: str, hits: list[bool]) -> Row:
     row = rate(cases, "90 % intervals that hold the truth", hits)
     return Row(row.cases, row.quantity, "85 to 95 %", row.here, row.low, row.high, row.n,
-               0.85 <= row.here <= 0.95 if row.n else None, row.n > 0 and 0.85 <= row.low and row.high <= 0.95)
+               0.85 <= row.here <= 0.95 if row.n else None, row.n > 0 and bool(0.85 <= row.low and row.high <= 0.95))
 
 
 def _calibration(cases: str, results: Sequence[Result], target: float | None = 0.05) -> Row:
