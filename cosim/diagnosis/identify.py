@@ -29,7 +29,8 @@ SECOND_PARAMETER = -3.0  # and that a second parameter of an effect is off as we
 _ACCEPT = 2.0  # log odds to take a cause in
 _ENSEMBLE = 8  # simulations with a wandering torque
 _SHORTLIST = 5  # suppositions that are fitted in each round
-_RIVAL, _RIVALS = 8.0, 3  # linear log evidence below the best at which a rival is fitted; how many
+_RIVAL, _RIVALS = 8.0, 2  # linear log evidence below the best at which a rival is fitted; how many
+_CLOSE = 150.0  # log evidence that fits which were not polished may be wrong by
 _FAR = 8.0  # tolerances from the file at which a fit without a cause begins without its value
 _PROMISING = 12.0  # linear log evidence below the best of the round at which a supposition is not fitted
 
@@ -107,6 +108,22 @@ class Search:
     def noise(self, fit: Fit) -> Noise:
         """The noise that a fitted supposition leaves."""
         return Noise(self.predictor.runs, self.residuals(fit.predicted), self.swayed)
+
+    def least_noise(self, fit: Fit) -> Noise:
+        """The noise that is left at a fit when everything may be wrong, as far as derivatives tell.
+
+        What a cause does that is still missing is no noise, however large and however alike from sample to
+        sample it is.
+        """
+        residuals, noise = self.residuals(fit.predicted), self.noise(fit)
+        everything = np.array([c.spread for c in self.coordinates])
+        for _ in range(2):
+            evidence = self.seen(fit, noise, self.slopes(noise, fit.jacobians))
+            best = evidence.posterior(everything).mean
+            left = [e - j @ (seen.point(best) - point) for e, j, seen, point in zip(
+                residuals, fit.jacobians, evidence.seen, fit.points)]
+            noise = Noise(self.predictor.runs, left, self.swayed)
+        return noise
 
     def slopes(self, noise: Noise, jacobians: Sequence[np.ndarray]) -> list[Slopes]:
         """Derivatives of all runs under a noise."""
@@ -256,20 +273,25 @@ class Search:
                 return Fit(causes, best.shared, best.points, best.predicted, best.jacobians)
         return Fit(causes, shared, points, predicted, best.jacobians)
 
-    def polished(self, fit: Fit, noise: Noise) -> Fit:
-        """Refined from where it is and from the file with its causes in, whichever ends better.
+    def polished(self, fit: Fit, noise: Noise, rounds: int = 2) -> Fit:
+        """Refined with derivatives of its own, renewed ``rounds`` times.
 
-        What a healthy car may have was fitted while causes were missing, and may have gone astray for them.
+        It starts from where it is and from the file with its causes in, whichever ends better: what a healthy
+        car may have was fitted while causes were missing, and may have gone astray for them.
         """
+        fit = self.relinearise(fit)
         kept = [i for cause in fit.causes for i in self.predictor.index(cause)]
         shared = np.zeros(len(self.coordinates))
         shared[kept] = fit.shared[kept]
         points = [shared.copy() for _ in fit.points]
         predicted = self.predictor.all_runs(points)
-        ends = [self.refine(fit, noise)]
+        ends = [self.refine(fit, noise, 4)]
         if predicted is not None:
-            ends.append(self.refine(Fit(fit.causes, shared, points, predicted, fit.jacobians), noise, 8))
-        return max((self.assess(end, noise) for end in ends), key=lambda end: end.score)
+            ends.append(self.refine(Fit(fit.causes, shared, points, predicted, fit.jacobians), noise, 4))
+        fit = max((self.assess(end, noise) for end in ends), key=lambda end: end.score)
+        for _ in range(rounds - 1):
+            fit = self.refine(self.relinearise(fit), noise, 4)
+        return self.assess(fit, noise)
 
     def size(self, fit: Fit, cause: str) -> float:
         """How large an cause is, in detection limits."""
@@ -313,8 +335,8 @@ class Search:
         self.say(f"sensitivities to {len(self.coordinates)} parameters over {len(self.measured)} runs")
         self.swayed = self.predictor.swayed(points, predicted, _ENSEMBLE)
         first = self.relinearise(Fit((), zero, points, predicted, []))
-        best = self.refine(first, self.noise(first))
-        best = self.refine(best, self.noise(best))
+        best = self.refine(first, self.least_noise(first))
+        best = self.refine(best, self.least_noise(best))
         tried: dict[tuple[str, ...], Fit] = {(): best}
         noise = self.noise(best)
         best = self.assess(best, noise)
@@ -324,13 +346,10 @@ class Search:
                 break
             best = found
             self.say(f"taken in: {', '.join(best.causes)}")
-        if best.causes:
-            best = self.polished(self.relinearise(best), self.noise(best))
-            tried[best.causes] = best
         noise = min((self.noise(fit) for fit in tried.values()), key=lambda noise: noise.size)
         best = self.assess(best, noise)
         for causes in self._rivals(best, noise, tried):
-            tried[causes] = self.refine(self.start(best, causes), noise, 4)
+            tried[causes] = self.polished(self.start(best, causes), noise, 1)
         fits = sorted((self.assess(fit, noise) for fit in tried.values()), key=lambda fit: -fit.score)
         fits = [fit for fit in fits if self.worth(fit)]
         if fits[0].score > tried[best.causes].score + _ACCEPT:
@@ -350,7 +369,7 @@ class Search:
         The noise that ``best`` leaves holds whatever it cannot explain, so under it nothing counts for much.
         So all are fitted under it, but compared under the noise that the one which explains most leaves.
         """
-        noise = self.noise(best)
+        noise = self.least_noise(best)
         listed = [(score, s) for score, s in self.candidates(best, noise) if s not in tried
                   and len(s) <= MOST_CAUSES]
         if not listed:
@@ -363,13 +382,14 @@ class Search:
             return None
         sharp = min((self.noise(fit) for fit in [best, *fits]), key=lambda noise: noise.size)
         leader = max((self.assess(fit, sharp) for fit in fits), key=lambda fit: fit.score)
-        leader = self.relinearise(leader)
-        leader = self.polished(leader, min(sharp, self.noise(leader), key=lambda noise: noise.size))
+        leader = self.polished(leader, sharp)
         sharp = min(sharp, self.noise(leader), key=lambda noise: noise.size)
         # one that is stuck explains less than it could: all shall have started from the best point there is
-        again = [self.refine(self.start(leader, fit.causes), sharp, 4) for fit in [best, *fits]
-                 if fit is best or fit.causes != leader.causes and self.assess(fit, sharp).score
-                 > self.assess(leader, sharp).score - _PROMISING]
+        self.assess(leader, sharp)
+        close = [fit for fit in fits if fit.causes != leader.causes
+                 and self.assess(fit, sharp).score > leader.score - _CLOSE]
+        close = [best, *sorted(close, key=lambda fit: -fit.score)[:_RIVALS]]
+        again = [self.polished(self.start(leader, fit.causes), sharp, 1) for fit in close]
         for fit in [best, *fits, *again, leader]:
             self.assess(fit, sharp)
             if fit.causes not in tried or fit.causes == best.causes or fit.score > tried[fit.causes].score:

@@ -14,11 +14,11 @@ EFFECT = Effect(
     parameters=(
         factor("final_drive_loss", "final_drive.loss_fraction", unit="1",
                meaning="loss over carried torque in the final drive",
-               spread=0.5, limits=(0.05, 6.0), detection=0.5),
+               spread=0.6, limits=(0.05, 6.0), detection=0.8),
         factor("transmission_loss", "transmission.loss_constant[*]",
                "transmission.loss_viscous[*]",
                "transmission.loss_fraction[*]", unit="1",
                meaning="all losses of the transmission, in every gear",
-               spread=0.4, limits=(0.05, 6.0), detection=0.3),
+               spread=0.5, limits=(0.05, 6.0), detection=0.6),
     ),
 )
