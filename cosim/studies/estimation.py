@@ -36,7 +36,8 @@ SOURCES = {  # of an estimator's inputs
     "wheel_speed": "wheel_speed_measured",
 }
 THESIS_TKBSE = "tkbse of the thesis"
-AS_IN_THESIS = (("delay.wheel_speed_deviation", 0.0), ("trigger.tip_ins", 1.0))  # no delay found, no mean of tip-ins
+# no delay found, the twist as the filter predicts it, no mean of tip-ins
+AS_IN_THESIS = (("delay.wheel_speed_deviation", 0.0), ("trigger.measured_twist", 0.0), ("trigger.tip_ins", 1.0))
 INTERVAL = ("low90", "high90")  # what an estimate's name ends in where its estimator gives an interval
 MISSED = 100.0  # error of a traversal that is not found, or of a size that is never estimated [%]
 

@@ -76,7 +76,7 @@ def box_panels(errors: Mapping[tuple[str, float], Sequence[float]], y_label: str
     tops = [np.percentile(np.abs(values), 90) for values in errors.values()]
     top = 1.5 * max(*tops, *marks)
     largest = max(np.abs(values).max() for values in errors.values())
-    y_range = (-0.03 * top, top) if largest > 1.5 * top else None
+    y_range = (-0.03 * top, top) if largest > 2.0 * top else None
     periods = list(dict.fromkeys(period for _, period in errors))
     estimators = list(dict.fromkeys(estimator for estimator, _ in errors))
     return Groups("boxes: quartiles; line: median; diamond: mean", [in_ms(period) for period in periods],

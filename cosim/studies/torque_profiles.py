@@ -59,6 +59,15 @@ class TorqueProfile(Signal):
         """The same, ``delay`` [s] later."""
         return replace(self, changes=tuple((round(at + delay, 6), target, rate) for at, target, rate in self.changes))
 
+    def spread(self, delay: float) -> TorqueProfile:
+        """The same, each tip-in with its way back ``delay`` [s] more behind the one before."""
+        changes, before, late = [], self.low, -delay
+        for at, target, rate in self.changes:
+            late += delay * (target > before)
+            changes.append((round(at + max(late, 0.0), 6), target, rate))
+            before = target
+        return replace(self, changes=tuple(changes))
+
     @property
     def tip_ins(self) -> tuple[float, ...]:
         """When the torque is told to rise [s]."""

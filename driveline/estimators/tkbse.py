@@ -7,22 +7,25 @@ turns positive and rises, settles at the lash size. Each tip-in triggers it anew
 everything is held. "With constraint" (section 4.1.4) the size takes, when a trigger ends, the value at
 which the estimate had settled after the crossing; where it never settled, it stays as it was.
 
-Two things go beyond the thesis, and both can be turned off: the wheel speed's delay is found and taken out
-(``alignment``; off where delay.wheel_speed_deviation is 0), and the size is the mean of the last tip-ins
-(trigger.tip_ins; off where it is 1).
+Three things go beyond the thesis, and all can be turned off: the wheel speed's delay is found and taken out
+(``alignment``; off where delay.wheel_speed_deviation is 0), the twist is the integral of the measured speeds
+(off where trigger.measured_twist is 0), and the size is the mean of the last tip-ins (trigger.tip_ins; off
+where it is 1).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from math import sqrt
+from typing import Any
 
 import numpy as np
 
 from ..kernels.backend import F8, entry_point, kernel
-from ..plants.reduced import ThreeMassDriveline
-from ..quantities import quantity
+from ..plants.reduced import ThreeMassDriveline, three_mass_at_hub
+from ..quantities import from_values, quantity
 from .alignment import (
+    ABSENT,
     BLOCK,
     FOUND,
     KNOWLEDGE,
@@ -71,8 +74,9 @@ GAIN = DRIVELINE
 A = GAIN + M * N
 B = A + N * N
 (LEVEL, SLOPE, CALM_RATE, CALM_TORQUE, CALM_TIME, PERIOD, SPREAD_ENGINE, SPREAD_WHEEL, BALANCE_GAIN,
- WEIGHT, SURPRISE_BOUND, TORQUE_BOUND, MISSED_BOUND, DELAY_BOUND, SHUFFLE, TIP_INS) = range(B + N * M, B + N * M + 16)
-KNOWS = TIP_INS + 1
+ WEIGHT, SURPRISE_BOUND, TORQUE_BOUND, MISSED_BOUND, DELAY_BOUND, SHUFFLE, TIP_INS, K_COAST,
+ MEASURED_TWIST) = range(B + N * M, B + N * M + 18)
+KNOWS = MEASURED_TWIST + 1
 CONSTANTS = KNOWS + KNOWLEDGE
 X = CONSTANTS
 ROOM = X + N
@@ -106,6 +110,9 @@ class Trigger:
     settled_time: float = quantity("s", "for this long", start=0.03, minimum=0.0)
     tip_ins: int = quantity("1", "how many tip-ins the size is the mean of; 1 for the last alone, as in the thesis",
                             start=10, minimum=1, maximum=1000, kind="integer")
+    measured_twist: int = quantity(
+        "1", "1: the twist is the integral of the measured speeds; 0: what the filter predicts, as in the thesis",
+        start=1, minimum=0, maximum=1, kind="integer")
 
 
 @dataclass(frozen=True)
@@ -136,11 +143,22 @@ class SizeTrust(Trust):
 class TkbseParameters(ThreeMassDriveline):
     """The driveline it believes in, and its tuning."""
 
+    coast_stiffness_factor: float = quantity(
+        "1", "stiffness of the shaft while coasting over that while driving: of the torque before the final drive "
+        "the axle shafts carry more, or less, by its loss", start=1.0, minimum=0.1, maximum=10.0)
     noise: SizeNoise = field(default_factory=SizeNoise)
     trigger: Trigger = field(default_factory=Trigger)
     delay: SoughtDelays = field(default_factory=SoughtDelays)
     sampling: Sampling = field(default_factory=Sampling)
     trust: SizeTrust = field(default_factory=SizeTrust)
+
+
+@kernel
+def stiffness(work, torque):
+    """Of the shaft [N.m/rad] on the flank that a torque lies on."""
+    if torque < 0.0:
+        return work[K_COAST]
+    return work[K_S]
 
 
 @kernel
@@ -153,7 +171,7 @@ def balance(state, work, torque, engine_speed, rate):
     acceleration = (engine_speed - state[ENGINE_BEFORE]) / work[PERIOD]
     net = net_torque(work, 0, 0.5 * (torque + state[TORQUE]), engine_speed, state[SHAFT])
     found = work[I_TR] * (net - work[J_1] * acceleration)
-    change = work[K_S] * 0.5 * (rate + state[RATE_BEFORE]) * work[PERIOD]
+    change = stiffness(work, state[SHAFT]) * 0.5 * (rate + state[RATE_BEFORE]) * work[PERIOD]
     if state[BALANCED] == 0.0:
         state[SHAFT] = found - 0.5 * change
     state[SHAFT] += change + work[BALANCE_GAIN] * (found - state[SHAFT] - 0.5 * change)
@@ -167,7 +185,7 @@ def start(state, work, engine_speed, wheel_speed):
         work[X + i] = 0.0
     if state[BALANCED] > 0.0:
         shaft = min(state[SHAFT], 0.0)
-        work[X + TWIST] = (shaft - work[C_S] * state[RATE_BEFORE]) / work[K_S]
+        work[X + TWIST] = (shaft - work[C_S] * state[RATE_BEFORE]) / work[K_COAST]
         work[X + WHEEL_TWIST] = work[I_FDR] * shaft / work[K_W]
     work[X + ENGINE] = engine_speed
     work[X + FINAL_DRIVE] = wheel_speed
@@ -183,8 +201,12 @@ def start(state, work, engine_speed, wheel_speed):
 
 
 @kernel
-def advance(state, work, torque, engine_good, wheel_good):
-    """One period of the stationary filter (eq. 4.2); note the size where it has settled."""
+def advance(state, work, torque, engine_good, wheel_good, grown):
+    """One period of the stationary filter (eq. 4.2); note the size where it has settled.
+
+    By both speeds the twist has grown by ``grown`` [rad], ABSENT where one is missing. Only the difference of
+    twist and offset acts on anything, so both can be moved until the twist has grown by so much.
+    """
     work[ROOM + 0] = net_torque(work, 0, torque, work[X + ENGINE], shaft_torque(work, 0, X))
     work[ROOM + 1] = road_load(work, 0, work[X + WHEEL])
     drive, load = work[ROOM], work[ROOM + 1]
@@ -193,13 +215,17 @@ def advance(state, work, torque, engine_good, wheel_good):
         for j in range(N):
             total += work[A + N * i + j] * work[X + j]
         work[ROOM + i] = total
-    engine, wheel = 0.0, 0.0
+    engine, wheel, twist = 0.0, 0.0, work[X + TWIST]
     if engine_good:
         engine = work[FRAME_ENGINE] - work[ROOM + ENGINE]
     if wheel_good:
         wheel = work[FRAME_WHEEL] - work[ROOM + FINAL_DRIVE]
     for i in range(N):
         work[X + i] = work[ROOM + i] + work[GAIN + M * i] * engine + work[GAIN + M * i + 1] * wheel
+    if grown > ABSENT and work[MEASURED_TWIST] > 0.0:
+        astray = work[X + TWIST] - twist - grown
+        work[X + TWIST] -= astray
+        work[X + SIZE] -= astray
     if state[CALM] == 0.0:
         state[CALM_SIZE] = work[X + SIZE]
     if (shaft_torque(work, 0, X) > work[CALM_TORQUE]
@@ -256,23 +282,25 @@ def tkbse_step(state: F8, constants: F8, work: F8, inputs: F8, outputs: F8, time
         wanted = torque > work[LEVEL] and slope > work[SLOPE]
         if torque <= work[LEVEL]:
             state[ARMED] = 1.0
-    rate = 0.0
+    rate, grown = 0.0, ABSENT
     if engine_good and wheel_good:
         rate = work[FRAME_ENGINE] / work[I_TR] - work[I_FDR] * work[FRAME_WHEEL]
+        if state[COMPLETE] > 0.0:
+            grown = 0.5 * (state[RATE_BEFORE] + rate) * work[PERIOD]
     if torque_good and engine_good and wheel_good and state[COMPLETE] > 0.0:
         balance(state, work, torque, work[FRAME_ENGINE], rate)
     else:
         state[BALANCED] = 0.0
     if state[BALANCED] > 0.0 and abs(state[SHAFT]) > work[CALM_TORQUE]:
-        learn(state, work, ALIGNMENT, KNOWS, 0.5 * (state[RATE_BEFORE] + rate) * work[PERIOD],
-              state[SHAFT] / work[K_S], work[I_FDR] * work[FRAME_WHEEL])
+        carried = state[SHAFT] / stiffness(work, state[SHAFT])
+        learn(state, work, ALIGNMENT, KNOWS, grown, carried, work[I_FDR] * work[FRAME_WHEEL])
     else:
         interrupt(state, ALIGNMENT)
     state[RATE_BEFORE] = rate
     if state[TRIGGERED] > 0.0 and not wanted:
         conclude(state, work)
     if state[TRIGGERED] > 0.0:
-        advance(state, work, 0.5 * (state[TORQUE] + torque), engine_good, wheel_good)
+        advance(state, work, 0.5 * (state[TORQUE] + torque), engine_good, wheel_good, grown)
         for i in range(N):
             if not plausible(work[X + i], 10.0 * PLAUSIBLE_SPEED):
                 state[TRIGGERED] = 0.0
@@ -341,6 +369,15 @@ class Tkbse(Estimator):
         estimate("trusted", "1", "1 when a size was found with innovations and frames as they should be"),
     )
 
+    @classmethod
+    def defaults_from(cls, vehicle: Any, gear: int = 5) -> dict[str, float]:
+        """The driveline lumped from a vehicle file, for one gear; both flanks."""
+        from ..plants.full_order import FullOrderParameters
+
+        values = super().defaults_from(vehicle, gear)
+        coasting = three_mass_at_hub(from_values(FullOrderParameters, vehicle.values), gear, flank=-cls.flank)
+        return values | {"coast_stiffness_factor": coasting.shaft.stiffness / values["shaft.stiffness"]}
+
     def constants(self, parameters: TkbseParameters) -> np.ndarray:
         """Driveline, stationary gain, discretised contact model, trigger and bounds, for ``tkbse_step``."""
         check_shaft(parameters.shaft)
@@ -357,7 +394,8 @@ class Tkbse(Estimator):
             [trigger.torque, trigger.slope, trigger.settled_rate, trigger.settled_torque,
              trigger.settled_time - 0.5 * period, period], np.diag(spread),
             [1.0 - np.exp(-period / SMOOTHING), min(1.0, period / AVERAGED),
-             trust.surprise, trust.torque, trust.missing, trust.delay, shuffle, trigger.tip_ins],
+             trust.surprise, trust.torque, trust.missing, trust.delay, shuffle, trigger.tip_ins,
+             parameters.coast_stiffness_factor * parameters.shaft.stiffness, trigger.measured_twist],
             parameters.delay.constants(period, shuffle)])
 
 

@@ -92,3 +92,12 @@ def test_later_is_the_same_later():
     profile = random().later(0.007)
     np.testing.assert_allclose(profile.values(TIME[7:]), random().values(TIME[:-7]), atol=1e-9)
     assert profile.tip_ins == pytest.approx(np.array(random().tip_ins) + 0.007)
+
+
+def test_spread_moves_each_tip_in_against_the_one_before():
+    profile = random()
+    spread = profile.spread(0.002)
+    expected = [begin + 0.002 * i for i, begin in enumerate(profile.tip_ins)]
+    assert spread.tip_ins == pytest.approx(expected, abs=1e-9)
+    widths = [[end[0] - begin[0] for begin, end in zip(p.changes[::2], p.changes[1::2])] for p in (profile, spread)]
+    np.testing.assert_allclose(widths[0], widths[1], atol=1e-9)
