@@ -20,7 +20,7 @@ from cosim.diagnosis.inverse import diagnose_inverse
 from cosim.diagnosis.localise import SHAFT_TORQUE, disturbances, goes_with
 from cosim.diagnosis.noise import Noise
 from cosim.diagnosis.plants import FullOrderCar, InstrumentedPlant, RigidPlant, Run, plant_for
-from cosim.diagnosis.predict import Predictor, coordinates
+from cosim.diagnosis.predict import WANDERS, Predictor, coordinates
 from cosim.diagnosis.profit import profit
 from cosim.diagnosis.residuals import wrong
 from cosim.files import write_text
@@ -31,7 +31,7 @@ LIKELY = 0.05  # causes less probable are not listed
 APART = 3.0  # sigma: rivals closer than this cannot be told from the best
 STRANGE = 0.16  # mean logarithm of what is left over what should be: more, and the catalogue does not explain it
 SOMETHING_ELSE = 0.03  # probability that is left for what nobody thought of
-_TEMPER = 3.0  # of differences in evidence: fits of nonlinear models err by more than noise does
+_TEMPER = 8.0  # of differences in evidence: fits end in one of many minima, and those differ by more than noise
 _DRAWS = 30  # healthy cars
 
 
@@ -154,11 +154,10 @@ def _driveline(diagnosis: Diagnosis, car: FullOrderCar, out: Path | None, worker
         search = Search(predictor, say)
         found = search.run()
         diagnosis.identification = found
-        left = search.noise(found.best)
-        diagnosis.finding = _finding(predictor, found, left)
+        diagnosis.finding = _finding(predictor, found)
         if diagnosis.finding["verdict"] == "unknown":
             say("looking for the torque that is missing")
-            _localise(diagnosis, predictor, found, left)
+            _localise(diagnosis, predictor, found)
         if diagnosis.finding["verdict"] == "ambiguous":
             say("looking for the manoeuvre that would tell the causes apart")
             _propose(diagnosis, predictor, found)
@@ -202,11 +201,12 @@ def _rivals(found: Identification) -> list[tuple[Fit, float]]:
     return rivals
 
 
-def _finding(predictor: Predictor, found: Identification, left: Noise) -> dict[str, Any]:
+def _finding(predictor: Predictor, found: Identification) -> dict[str, Any]:
     best = found.best
     shares = _probabilities(found, CATALOGUE)
     rivals = _rivals(found)
-    strange = float(np.mean([share for run in left.excess for share in run.values()])) > STRANGE
+    left = [run.stacked - y for run, y in zip(predictor.runs, best.predicted)]
+    strange = float(np.mean([share for run in found.noise.excess(left) for share in run.values()])) > STRANGE
     causes = []
     for effect in sorted(best.effects, key=lambda e: -shares[e]):
         causes.append({"effect": effect, "probability": shares[effect],
@@ -233,7 +233,7 @@ def _finding(predictor: Predictor, found: Identification, left: Noise) -> dict[s
 
 def _parameters(predictor: Predictor, fit: Fit, effect: str) -> dict[str, dict[str, Any]]:
     """The numbers of an effect as a fit has them, with 90 % intervals."""
-    shared = {int(i): k for k, i in enumerate(fit.evidence.layout.shared)}
+    shared = {i: k for k, i in enumerate(j for j, c in enumerate(predictor.coordinates) if not c.nuisance)}
     deviations = np.sqrt(np.diag(fit.posterior.covariance))
     result: dict[str, dict[str, Any]] = {}
     for i, c in enumerate(predictor.coordinates):
@@ -260,13 +260,13 @@ def _healthy(freely: Predictor, noise: Noise) -> tuple[list[np.ndarray], list[li
     starts = [next(i for i, c in enumerate(freely.coordinates) if c.name == "start_speed" and c.run == r)
               for r in range(len(freely.runs))]
     base = freely.all_runs([np.zeros(count) for _ in freely.runs])
-    moved = freely.jacobian([np.zeros(count) for _ in freely.runs], base, starts)
+    moved = freely.jacobian([np.zeros(count) for _ in freely.runs], base, {r: [i] for r, i in enumerate(starts)})
     for r, run in enumerate(freely.runs):
         point = np.zeros(count)
         # the speeds of the first second: later ones have other reasons to differ
         early = np.concatenate([(clock < run.start + 1.0) & name.endswith("speed")
                                 for name, clock in run.clocks.items()])
-        slope, error = (x[early] / noise.least[r][early] for x in (moved[r][:, r], run.stacked - base[r]))
+        slope, error = (x[early] / noise.least[r][early] for x in (moved[r][:, 0], run.stacked - base[r]))
         point[starts[r]] = float(slope @ error) / (float(slope @ slope) + 1.0)
         points.append(point)
     nominal = freely.all_runs(points)
@@ -293,9 +293,14 @@ def _values(predictor: Predictor, fit: Fit) -> dict[str, float]:
     return predictor.values(_as_found(predictor, fit, fit.shared), 0)[0]
 
 
-def _localise(diagnosis: Diagnosis, predictor: Predictor, found: Identification, left: Noise) -> None:
+def _localise(diagnosis: Diagnosis, predictor: Predictor, found: Identification) -> None:
     """Which balance lacks a torque, and what that goes with."""
-    listed = disturbances(predictor, found.healthy, left)
+    # no torque of the engine's own: it would be the missing one in part
+    wanders = [c.name == WANDERS for c in predictor.coordinates]
+    points = [np.where(wanders, 0.0, point) for point in found.healthy.points]
+    predicted = predictor.all_runs(points)
+    healthy = found.healthy if predicted is None else replace(found.healthy, points=points, predicted=predicted)
+    listed = disturbances(predictor, healthy, found.noise)
     first = listed[0]
     variable, shape, share = goes_with(first.table)
     diagnosis.finding["unknown"] = {

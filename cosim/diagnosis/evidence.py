@@ -17,7 +17,9 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from cosim.diagnosis.predict import Coordinate
+from cosim.diagnosis.noise import WANDER, WANDER_TIME
+from cosim.diagnosis.plants.hats import correlation
+from cosim.diagnosis.predict import WANDERS, Coordinate
 
 # By how much what one manoeuvre says of a parameter may differ from what the next says, in detection limits.
 HETEROGENEITY = 0.2
@@ -62,8 +64,16 @@ class Layout:
         self.shared = np.array([i for i, c in enumerate(coordinates) if not c.nuisance])
         self.own = [np.array([i for i, c in enumerate(coordinates) if c.nuisance and c.run == r])
                     for r in range(runs)]
+        self.columns = [np.concatenate([self.shared, own]) for own in self.own]  # what a run depends on
         self.deviation = heterogeneity([coordinates[i] for i in self.shared])
-        self.precision = [np.diag([coordinates[i].tolerance**-2 for i in own]) for own in self.own]
+        self.precision = [self._precision(own) for own in self.own]
+
+    def _precision(self, own: np.ndarray) -> np.ndarray:
+        """Inverse prior covariance of a run's own coordinates: independent, but for the torque's wander."""
+        covariance = np.diag([self.coordinates[i].tolerance**2 for i in own])
+        row = np.flatnonzero([self.coordinates[i].name == WANDERS for i in own])
+        covariance[np.ix_(row, row)] = WANDER**2 * correlation(row.size, WANDER_TIME)
+        return np.linalg.inv(covariance)
 
 
 class Slopes:
@@ -72,14 +82,12 @@ class Slopes:
     Args:
         layout: Of the coordinates.
         run: Which run.
-        jacobian: Whitened; samples x all coordinates.
+        jacobian: Whitened; samples x ``layout.columns[run]``.
     """
 
     def __init__(self, layout: Layout, run: int, jacobian: np.ndarray) -> None:
-        self.layout, self.run = layout, run
+        self.layout, self.run, self.jacobian = layout, run, jacobian
         own = layout.own[run]
-        self.columns = np.concatenate([layout.shared, own])
-        self.jacobian = np.ascontiguousarray(jacobian[:, self.columns])
         square = (self.jacobian.T @ self.jacobian).astype(float)
         n = layout.shared.size
         self.square, self.n = square, n
@@ -98,7 +106,7 @@ class Slopes:
 
     def seen(self, residual: np.ndarray, point: np.ndarray) -> Seen:
         """What the run says, given its whitened residual at a point of all coordinates."""
-        there = point[self.columns]
+        there = point[self.layout.columns[self.run]]
         product = self.jacobian.T @ residual.astype(np.float32)
         vector = product.astype(float) + self.square @ there
         length = float(residual @ residual) + 2.0 * float(product @ there) + float(there @ self.square @ there)

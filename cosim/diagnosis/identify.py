@@ -9,7 +9,7 @@ simulation, compared under one noise, and the search goes on from the best of th
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -24,15 +24,51 @@ MOST_CAUSES = 9
 # Of a cause, in detection limits: less is what healthy cars differ by. Beside another cause errors of its fit
 # are as large.
 SMALLEST, SMALLEST_FURTHER = 0.6, 0.9
-FIRST, FURTHER = -3.0, -7.0  # log odds that a given effect is there, as the first and beside others
+FIRST, FURTHER = -8.0, -25.0  # log odds that a given effect is there, as the first and beside others
 SECOND_PARAMETER = -3.0  # and that a second parameter of an effect is off as well
-_ACCEPT = 2.0  # log odds to take a cause in
 _ENSEMBLE = 8  # simulations with a wandering torque
-_SHORTLIST = 5  # suppositions that are fitted in each round
-_RIVAL, _RIVALS = 8.0, 2  # linear log evidence below the best at which a rival is fitted; how many
-_CLOSE = 150.0  # log evidence that fits which were not polished may be wrong by
-_FAR = 8.0  # tolerances from the file at which a fit without a cause begins without its value
-_PROMISING = 12.0  # linear log evidence below the best of the round at which a supposition is not fitted
+_SHORTLIST = 6  # suppositions that are fitted from the point of each leader
+# Linear log evidence below the leader at which a supposition is not looked at: with a cause more, and without;
+# where another cause stands for the true one its run is bent about it, and that is worth more than noise.
+_PROMISING, _SWAPPED = 25.0, 400.0
+_STARTED = 20  # suppositions that are simulated where the leader's tangents place them
+_RIVAL, _RIVALS = 12.0, 4  # log evidence below the leader at which a rival gets derivatives of its own; how many
+_SETTLED = 1.0  # log evidence that a fit with new derivatives may still gain
+_BENT = 2.0  # squared distance [sigma] between a run and its tangent at which derivatives are renewed
+_JUDGED = 2.0  # power of the heavy tail where suppositions are compared
+_ROUNDS = 3  # of new derivatives for a fit
+_TURNS = 8  # steps of the search, at most
+_SIZES = (-4.0, -1.5, 1.5, 4.0)  # of probes, in detection limits
+_SCANNED = 12  # probes that are fitted
+_KEPT = 24  # fits
+
+
+@dataclass(frozen=True)
+class Tangent:
+    """The derivatives of a run's stacked channels by the coordinates it depends on.
+
+    Attributes:
+        jacobian: Samples x ``Layout.columns`` of the run.
+        bent: What moves since they were taken have shown beyond them: squared distance [sigma].
+    """
+
+    jacobian: np.ndarray = field(repr=False)
+    bent: float = 0.0
+
+    def moved(self, step: np.ndarray, change: np.ndarray, scale: np.ndarray, noise: Noise, run: int) -> Tangent:
+        """After a step that changed the prediction: derivatives corrected along the step (Broyden 1965).
+
+        Args:
+            step: Of these coordinates, which have sizes ``scale``.
+            change: Of the stacked channels.
+        """
+        direction = step / scale**2
+        length = float(step @ direction)
+        if length == 0.0:
+            return self
+        missed = change - self.jacobian @ step
+        bent = self.bent + float(np.sum(noise.whiten(run, missed) ** 2))
+        return Tangent(self.jacobian + np.outer(missed, direction / length).astype(np.float32), bent)
 
 
 @dataclass
@@ -44,19 +80,20 @@ class Fit:
         shared: Most probable coordinates; those of single runs are 0.
         points: The coordinates of each run: what is shared and deviations from it, and its own.
         predicted: Stacked channels of each run.
-        jacobians: Derivatives of them by all coordinates, as fresh as they were needed.
+        tangents: Of each run.
         posterior: Belief about the shared coordinates under the noise of the comparison.
         score: Log evidence and log prior under it.
+        settled: Whether derivatives of its own gained nothing more.
     """
 
     causes: tuple[str, ...]
     shared: np.ndarray
     points: list[np.ndarray]
     predicted: list[np.ndarray] = field(repr=False)
-    jacobians: list[np.ndarray] = field(repr=False)
-    evidence: Evidence | None = field(default=None, repr=False)
+    tangents: list[Tangent] = field(repr=False)
     posterior: Posterior | None = field(default=None, repr=False)
     score: float = -np.inf
+    settled: bool = False
 
     @property
     def effects(self) -> tuple[str, ...]:
@@ -97,7 +134,8 @@ class Search:
         self.causes = list(dict.fromkeys(c.cause for c in self.coordinates if c.cause))
         self.low = np.array([c.low for c in self.coordinates])
         self.high = np.array([c.high for c in self.coordinates])
-        self.numbers = [i for i, c in enumerate(self.coordinates) if c.run is None and not c.effect]
+        self.scale = np.array([c.tolerance for c in self.coordinates])
+        self.numbers = {i for i, c in enumerate(self.coordinates) if c.run is None and not c.effect}
 
     # -- one supposition ------------------------------------------------------------------------
 
@@ -106,41 +144,23 @@ class Search:
         return [y - p for y, p in zip(self.measured, predicted)]
 
     def noise(self, fit: Fit) -> Noise:
-        """The noise that a fitted supposition leaves."""
-        return Noise(self.predictor.runs, self.residuals(fit.predicted), self.swayed)
-
-    def least_noise(self, fit: Fit) -> Noise:
-        """The noise that is left at a fit when everything may be wrong, as far as derivatives tell.
-
-        What a cause does that is still missing is no noise, however large and however alike from sample to
-        sample it is.
-        """
-        residuals, noise = self.residuals(fit.predicted), self.noise(fit)
-        everything = np.array([c.spread for c in self.coordinates])
-        for _ in range(2):
-            evidence = self.seen(fit, noise, self.slopes(noise, fit.jacobians))
-            best = evidence.posterior(everything).mean
-            left = [e - j @ (seen.point(best) - point) for e, j, seen, point in zip(
-                residuals, fit.jacobians, evidence.seen, fit.points)]
-            noise = Noise(self.predictor.runs, left, self.swayed)
-        return noise
-
-    def slopes(self, noise: Noise, jacobians: Sequence[np.ndarray]) -> list[Slopes]:
-        """Derivatives of all runs under a noise."""
-        return [Slopes(self.layout, r, noise.whiten(r, j)) for r, j in enumerate(jacobians)]
+        """What is left of the residuals where a fitted supposition is right."""
+        return Noise(self.predictor.runs, self.predictor.strays(fit.points, fit.predicted, _ENSEMBLE))
 
     def assess(self, fit: Fit, noise: Noise) -> Fit:
         """Evidence of a fitted supposition under a noise."""
-        noise, cost = noise.heavy(self.residuals(fit.predicted))
-        fit.evidence = self.seen(fit, noise, self.slopes(noise, fit.jacobians))
-        fit.posterior = fit.evidence.posterior(prior(self.coordinates, fit.causes))
+        noise, cost = noise.heavy(self.residuals(fit.predicted), _JUDGED)
+        fit.posterior = self.seen(fit, noise).posterior(prior(self.coordinates, fit.causes))
         fit.score = fit.posterior.log_evidence - cost + log_prior(fit.causes)
         return fit
 
-    def seen(self, fit: Fit, noise: Noise, slopes: Sequence[Slopes]) -> Evidence:
+    def seen(self, fit: Fit, noise: Noise) -> Evidence:
         """What the runs say at the points of a fit."""
-        return Evidence([s.seen(noise.whiten(r, e), point) for r, (s, e, point) in enumerate(
-            zip(slopes, self.residuals(fit.predicted), fit.points))])
+        seen = []
+        for r, (tangent, point) in enumerate(zip(fit.tangents, fit.points)):
+            slopes = Slopes(self.layout, r, noise.whiten(r, tangent.jacobian))
+            seen.append(slopes.seen(noise.whiten(r, self.measured[r] - fit.predicted[r]), point))
+        return Evidence(seen)
 
     def run_cost(self, noise: Noise, run: int, predicted: np.ndarray | None, shared: np.ndarray,
                  point: np.ndarray) -> float:
@@ -164,53 +184,47 @@ class Search:
         spread = prior(self.coordinates, causes)[self.layout.shared]
         return float(np.sum((shared[self.layout.shared] / spread) ** 2))
 
-    def refine(self, fit: Fit, noise: Noise, iterations: int = 6) -> Fit:
-        """Most probable coordinates, by Gauss-Newton; every run follows as far as it gains.
-
-        Derivatives by the supposed causes are renewed at every step, the others are those of the start.
-        """
+    def refine(self, fit: Fit, noise: Noise, iterations: int = 12) -> Fit:
+        """Most probable coordinates, by Gauss-Newton with derivatives that follow the steps."""
         spread = prior(self.coordinates, fit.causes)
-        own = [i for cause in fit.causes for i in self.predictor.index(cause)]
-        noise, _ = noise.heavy(self.residuals(fit.predicted))
-        now = self.cost(noise, fit)
-        jacobians, stale = [j.copy() for j in fit.jacobians], False
-        slopes = self.slopes(noise, jacobians)
         for _ in range(iterations):
-            if stale and own:
-                for whole, part in zip(jacobians, self.predictor.jacobian(fit.points, fit.predicted, own)):
-                    whole[:, own] = part
-                slopes = self.slopes(noise, jacobians)
-            evidence = self.seen(fit, noise, slopes)
+            heavy, _ = noise.heavy(self.residuals(fit.predicted))
+            evidence = self.seen(fit, heavy)
             best = np.zeros(len(self.coordinates))
             best[self.layout.shared] = evidence.posterior(spread).mean
             best = np.clip(best, self.low, self.high)
             goals = [np.clip(seen.point(best[self.layout.shared]), self.low, self.high) for seen in evidence.seen]
-            gained = 0.0
+            now, gained = self.cost(heavy, fit), 0.0
             for share in (1.0, 0.3, 0.1):
-                moved = self._moved(fit, noise, fit.shared + share * (best - fit.shared), goals, share)
-                gained = now - self.cost(noise, moved)
+                moved = self._moved(fit, heavy, fit.shared + share * (best - fit.shared), goals, share)
+                gained = now - self.cost(heavy, moved)
                 if gained > 0.0:
                     break
             if gained <= 0.0:
                 break
-            now, stale, fit = now - gained, True, moved
-            if gained < 2.0:
+            fit = moved
+            if gained < _SETTLED:
                 break
-        fit.jacobians = jacobians
         return fit
 
     def _moved(self, fit: Fit, noise: Noise, shared: np.ndarray, goals: Sequence[np.ndarray],
                share: float) -> Fit:
         """Shared coordinates moved, and each run towards its goal as far as that is better than to stay."""
         runs = range(len(goals))
-        points, predicted = list(fit.points), list(fit.predicted)
+        points, predicted, tangents = list(fit.points), list(fit.predicted), list(fit.tangents)
         staying = [self.run_cost(noise, r, predicted[r], shared, points[r]) for r in runs]
         waiting = list(runs)
-        for part in (share, 0.3 * share):
+        for part in (share, 0.3 * share, 0.1 * share):
             tries = {r: fit.points[r] + part * (goals[r] - fit.points[r]) for r in waiting}
             found = self.predictor.many([(point, r) for r, point in tries.items()])
             for (r, point), y in zip(tries.items(), found):
+                if y is None:
+                    continue
+                # even where nothing is gained something is learnt
+                learnt = self._bent(tangents[r], point - fit.points[r], y - fit.predicted[r], noise, r)
+                tangents[r] = Tangent(learnt.jacobian, tangents[r].bent)
                 if self.run_cost(noise, r, y, shared, point) < staying[r]:
+                    tangents[r] = learnt
                     points[r], predicted[r] = point, y
                     waiting.remove(r)
             if not waiting:
@@ -219,20 +233,45 @@ class Search:
         for i, c in enumerate(self.coordinates):
             if c.run is not None and c.effect:  # shared in name only
                 shared[i] = points[c.run][i]
-        return Fit(fit.causes, shared, points, predicted, fit.jacobians)
+        return Fit(fit.causes, shared, points, predicted, tangents)
 
-    def relinearise(self, fit: Fit, columns: Iterable[int] | None = None) -> Fit:
-        """Renew derivatives; all but those by the file's numbers unless said otherwise."""
-        if columns is None:
-            columns = range(len(self.coordinates)) if not fit.jacobians else [
-                i for i in range(len(self.coordinates)) if i not in self.numbers]
-        columns = list(columns)
-        fresh = self.predictor.jacobian(fit.points, fit.predicted, columns)
-        if not fit.jacobians:
-            fit.jacobians = [np.zeros((y.size, len(self.coordinates)), dtype=np.float32) for y in fit.predicted]
-        fit.jacobians = [j.copy() for j in fit.jacobians]
-        for whole, part in zip(fit.jacobians, fresh):
-            whole[:, columns] = part
+    def _bent(self, tangent: Tangent, step: np.ndarray, change: np.ndarray, noise: Noise, run: int) -> Tangent:
+        columns = self.layout.columns[run]
+        return tangent.moved(step[columns], change, self.scale[columns], noise, run)
+
+    def relinearise(self, fit: Fit, everything: bool = True) -> Fit:
+        """Renew the derivatives of runs that have left their tangents.
+
+        Args:
+            fit: Where.
+            everything: By all coordinates but the file's numbers; or only by its causes and the runs' own.
+        """
+        needed = {int(i) for own in self.layout.own for i in own}
+        needed.update(i for cause in fit.causes for i in self.predictor.index(cause))
+        tangents = list(fit.tangents)
+        wanted = {r: [int(i) for i in self.layout.columns[r]
+                      if (i not in self.numbers if everything else i in needed)]
+                  for r, tangent in enumerate(tangents) if tangent.bent > _BENT}
+        for (r, renewed), part in zip(wanted.items(), self.predictor.jacobian(fit.points, fit.predicted, wanted)):
+            jacobian = tangents[r].jacobian.copy()
+            jacobian[:, np.isin(self.layout.columns[r], renewed)] = part
+            tangents[r] = Tangent(jacobian, 0.0 if everything else tangents[r].bent)
+        return Fit(fit.causes, fit.shared, fit.points, fit.predicted, tangents)
+
+    def renewed(self, fit: Fit, noise: Noise, everything: bool = True) -> Fit:
+        """Refined with derivatives of its own; settled where they gained no more."""
+        was = fit.score
+        fit = self.assess(self.refine(self.relinearise(fit, everything), noise), noise)
+        fit.settled = everything and fit.score - was < _SETTLED
+        return fit
+
+    def settle(self, fit: Fit, noise: Noise) -> Fit:
+        """Refined with derivatives of its own until they gain no more, at most ``_ROUNDS`` times."""
+        for _ in range(_ROUNDS):
+            if fit.settled:
+                break
+            fit = self.renewed(fit, noise)
+        fit.settled = True
         return fit
 
     def worth(self, fit: Fit) -> bool:
@@ -242,56 +281,54 @@ class Search:
 
     # -- screening ------------------------------------------------------------------------------
 
-    def candidates(self, fit: Fit, noise: Noise) -> list[tuple[float, tuple[str, ...]]]:
-        """Every cause added to those of ``fit`` or put in place of one, by linear evidence, best first."""
-        evidence = self.seen(fit, noise, self.slopes(noise, fit.jacobians))
+    def candidates(self, fit: Fit, evidence: Evidence) -> list[tuple[float, tuple[str, ...]]]:
+        """Every cause added to those of ``fit`` or put in place of one, or taken away, most evident first.
+
+        Args:
+            fit: From which.
+            evidence: What the runs say at its points.
+
+        Returns:
+            Linear log evidence over that of ``fit``, and the causes.
+        """
         sets: set[tuple[str, ...]] = set()
         for cause in self.causes:
-            if cause in fit.causes:
-                continue
-            sets.add(_key((*fit.causes, cause)))
-            for gone in fit.causes:
-                sets.add(_key((*(e for e in fit.causes if e != gone), cause)))
-        for gone in fit.causes:
-            sets.add(_key(e for e in fit.causes if e != gone))
-        scored = [(evidence.posterior(prior(self.coordinates, s)).log_evidence + log_prior(s), s)
-                  for s in sets]
-        return sorted(scored, reverse=True)
+            if cause not in fit.causes:
+                sets.add(_key((*fit.causes, cause)))
+                sets.update(_key((*(e for e in fit.causes if e != gone), cause)) for gone in fit.causes)
+        sets.update(_key(e for e in fit.causes if e != gone) for gone in fit.causes)
 
-    def start(self, best: Fit, causes: tuple[str, ...]) -> Fit:
-        """Where the fit of a supposition begins: at another one's, without what a healthy car would not have."""
-        shared, points = best.shared.copy(), [p.copy() for p in best.points]
-        gone = [i for e in set(best.causes) - set(causes) for i in self.predictor.index(e)
-                if abs(shared[i]) > _FAR * self.coordinates[i].tolerance]
-        predicted = best.predicted
-        if gone:
-            shared[gone] = 0.0
-            for p in points:
-                p[gone] = 0.0
-            predicted = self.predictor.all_runs(points)
-            if predicted is None:
-                return Fit(causes, best.shared, best.points, best.predicted, best.jacobians)
-        return Fit(causes, shared, points, predicted, best.jacobians)
+        def score(causes: tuple[str, ...]) -> float:
+            return evidence.posterior(prior(self.coordinates, causes)).log_evidence + log_prior(causes)
 
-    def polished(self, fit: Fit, noise: Noise, rounds: int = 2) -> Fit:
-        """Refined with derivatives of its own, renewed ``rounds`` times.
+        own = score(fit.causes)
+        return sorted(((score(s) - own, s) for s in sets if len(s) <= MOST_CAUSES), reverse=True)
 
-        It starts from where it is and from the file with its causes in, whichever ends better: what a healthy
-        car may have was fitted while causes were missing, and may have gone astray for them.
+    def start(self, best: Fit, causes: tuple[str, ...], evidence: Evidence) -> Fit:
+        """Where the fit of a supposition begins: where it would be if the tangents of another one's were right.
+
+        A small step that way is no way there: on it the old cause is missing already and the new one not there.
         """
-        fit = self.relinearise(fit)
-        kept = [i for cause in fit.causes for i in self.predictor.index(cause)]
+        mean = evidence.posterior(prior(self.coordinates, causes)).mean
         shared = np.zeros(len(self.coordinates))
-        shared[kept] = fit.shared[kept]
-        points = [shared.copy() for _ in fit.points]
+        shared[self.layout.shared] = mean
+        shared = np.clip(shared, self.low, self.high)
+        points = [np.clip(seen.point(shared[self.layout.shared]), self.low, self.high) for seen in evidence.seen]
         predicted = self.predictor.all_runs(points)
-        ends = [self.refine(fit, noise, 4)]
-        if predicted is not None:
-            ends.append(self.refine(Fit(fit.causes, shared, points, predicted, fit.jacobians), noise, 4))
-        fit = max((self.assess(end, noise) for end in ends), key=lambda end: end.score)
-        for _ in range(rounds - 1):
-            fit = self.refine(self.relinearise(fit), noise, 4)
-        return self.assess(fit, noise)
+        if predicted is None:
+            return Fit(causes, best.shared, best.points, best.predicted, best.tangents)
+        return Fit(causes, shared, points, predicted, [Tangent(t.jacobian, np.inf) for t in best.tangents])
+
+    def _at(self, fit: Fit, causes: tuple[str, ...], changes: Mapping[int, float]) -> Fit | None:
+        """A fit with some coordinates changed in all runs; None where that cannot be simulated."""
+        shared, points = fit.shared.copy(), [p.copy() for p in fit.points]
+        for i, x in changes.items():
+            for vector in (shared, *points):
+                vector[i] = x
+        predicted = self.predictor.all_runs(points)
+        if predicted is None:
+            return None
+        return Fit(causes, shared, points, predicted, [Tangent(t.jacobian, np.inf) for t in fit.tangents])
 
     def size(self, fit: Fit, cause: str) -> float:
         """How large an cause is, in detection limits."""
@@ -301,117 +338,124 @@ class Search:
             return float(np.sqrt(2.0 * np.mean(np.square(swings))))
         return float(np.linalg.norm(found))
 
-    def probes(self, best: Fit) -> list[Fit]:
-        """Starts for causes that do nothing while they are small."""
+    def probes(self, best: Fit, everything: bool) -> list[Fit]:
+        """Starts for causes beside those of a fit, each at several sizes.
+
+        Args:
+            best: Whose coordinates the others keep.
+            everything: Or only for causes that do nothing while they are small.
+        """
         starts = []
         for cause in self.causes:
             mine = [i for i in self.predictor.index(cause) if self.coordinates[i].run is None]
-            if cause in best.causes or not mine or not self.coordinates[mine[-1]].parameter.probes:
+            if cause in best.causes or not mine:
                 continue
-            count = max(len(self.coordinates[i].parameter.probes) for i in mine)
-            for k in range(count):
-                shared, points = best.shared.copy(), [p.copy() for p in best.points]
-                for i in mine:
-                    sizes = self.coordinates[i].parameter.probes
-                    if sizes:
-                        x = self.coordinates[i].parameter.coordinate(sizes[min(k, len(sizes) - 1)])
-                        for vector in (shared, *points):
-                            vector[i] = x
-                predicted = self.predictor.all_runs(points)
-                if predicted is not None:
-                    starts.append(Fit(_key((*best.causes, cause)), shared, points, predicted, best.jacobians))
+            declared = {i: self.coordinates[i].parameter for i in mine if self.coordinates[i].parameter.probes}
+            tries: list[dict[int, float]] = []
+            for k in range(max((len(p.probes) for p in declared.values()), default=0)):
+                tries.append({i: p.coordinate(p.probes[min(k, len(p.probes) - 1)]) for i, p in declared.items()})
+            if everything and not tries:
+                first, parameter = mine[0], self.coordinates[mine[0]].parameter
+                sizes = [x * parameter.detection for x in _SIZES]
+                tries = [{first: x} for x in sizes if self.low[first] <= x <= self.high[first]]
+            for changes in tries:
+                start = self._at(best, _key((*best.causes, cause)), changes)
+                if start is not None:
+                    starts.append(start)
         return starts
-
 
     # -- the search -----------------------------------------------------------------------------
 
     def run(self) -> Identification:
-        """Forward, backward and swap until no supposition is better."""
+        """Whoever leads gets derivatives of its own and is challenged from there, until nobody takes the lead."""
         zero = np.zeros(len(self.coordinates))
         points = [zero.copy() for _ in self.measured]
         predicted = self.predictor.all_runs(points)
         if predicted is None:
             raise ArithmeticError("the plant of the vehicle file cannot be simulated with these inputs")
         self.say(f"sensitivities to {len(self.coordinates)} parameters over {len(self.measured)} runs")
-        self.swayed = self.predictor.swayed(points, predicted, _ENSEMBLE)
-        first = self.relinearise(Fit((), zero, points, predicted, []))
-        best = self.refine(first, self.least_noise(first))
-        best = self.refine(best, self.least_noise(best))
-        tried: dict[tuple[str, ...], Fit] = {(): best}
-        noise = self.noise(best)
-        best = self.assess(best, noise)
-        for _ in range(MOST_CAUSES + 3):
-            found = self._improve(best, tried)
-            if found is None:
-                break
-            best = found
-            self.say(f"taken in: {', '.join(best.causes)}")
-        noise = min((self.noise(fit) for fit in tried.values()), key=lambda noise: noise.size)
-        best = self.assess(best, noise)
-        for causes in self._rivals(best, noise, tried):
-            tried[causes] = self.polished(self.start(best, causes), noise, 1)
-        fits = sorted((self.assess(fit, noise) for fit in tried.values()), key=lambda fit: -fit.score)
-        fits = [fit for fit in fits if self.worth(fit)]
-        if fits[0].score > tried[best.causes].score + _ACCEPT:
-            best = fits[0]
-        best = tried[best.causes]
-        return Identification(best, [best, *(fit for fit in fits if fit is not best)], tried[()], noise)
-
-    def _rivals(self, best: Fit, noise: Noise, tried: dict[tuple[str, ...], Fit]) -> list[tuple[str, ...]]:
-        """Suppositions not yet fitted that may explain as much as the best."""
-        own = best.evidence.posterior(prior(self.coordinates, best.causes)).log_evidence + log_prior(best.causes)
-        return [s for score, s in self.candidates(best, noise)
-                if score > own - _RIVAL and s not in tried and len(s) <= max(1, len(best.causes))][:_RIVALS]
-
-    def _improve(self, best: Fit, tried: dict[tuple[str, ...], Fit]) -> Fit | None:
-        """The best supposition one change away from ``best``; None if there is no better.
-
-        The noise that ``best`` leaves holds whatever it cannot explain, so under it nothing counts for much.
-        So all are fitted under it, but compared under the noise that the one which explains most leaves.
-        """
-        noise = self.least_noise(best)
-        listed = [(score, s) for score, s in self.candidates(best, noise) if s not in tried
-                  and len(s) <= MOST_CAUSES]
-        if not listed:
-            return None
-        starts = [self.start(best, s) for score, s in listed[:_SHORTLIST]
-                  if score > max(listed[0][0] - _PROMISING, best.score - _ACCEPT)]
-        starts += self._probed(best, noise, tried)
-        fits = [self.refine(start, noise, 3) for start in starts]
-        if not fits:
-            return None
-        sharp = min((self.noise(fit) for fit in [best, *fits]), key=lambda noise: noise.size)
-        leader = max((self.assess(fit, sharp) for fit in fits), key=lambda fit: fit.score)
-        leader = self.polished(leader, sharp)
-        sharp = min(sharp, self.noise(leader), key=lambda noise: noise.size)
-        # one that is stuck explains less than it could: all shall have started from the best point there is
-        self.assess(leader, sharp)
-        close = [fit for fit in fits if fit.causes != leader.causes
-                 and self.assess(fit, sharp).score > leader.score - _CLOSE]
-        close = [best, *sorted(close, key=lambda fit: -fit.score)[:_RIVALS]]
-        again = [self.polished(self.start(leader, fit.causes), sharp, 1) for fit in close]
-        for fit in [best, *fits, *again, leader]:
-            self.assess(fit, sharp)
-            if fit.causes not in tried or fit.causes == best.causes or fit.score > tried[fit.causes].score:
-                tried[fit.causes] = fit
-        best = max((fit for fit in [best, *again] if fit.causes == best.causes), key=lambda fit: fit.score)
-        tried[best.causes] = best
-        self.say("; ".join(f"{'+'.join(f.causes) or 'healthy'} {f.score - best.score:+.0f}" for f in
-                           sorted([leader, *again], key=lambda fit: -fit.score)))
-        leader = max([leader, *again], key=lambda fit: fit.score)
-        if leader.score < best.score + _ACCEPT or not self.worth(leader):
-            return None
-        return leader
-
-    def _probed(self, best: Fit, noise: Noise, tried: dict[tuple[str, ...], Fit]) -> list[Fit]:
-        """The better probe of each cause, where it explains more than ``best`` does."""
-        now = self.cost(noise, best)
-        found: dict[tuple[str, ...], tuple[float, Fit]] = {}
-        for start in self.probes(best):
-            if start.causes in tried:
+        columns = dict(enumerate(self.layout.columns))
+        tangents = [Tangent(j) for j in self.predictor.jacobian(points, predicted, columns)]
+        start = Fit((), zero, points, predicted, tangents)
+        noise = self.noise(start)
+        healthy = self.assess(self.refine(start, noise, 5), noise)
+        pool = {(): healthy}
+        self.say("every cause alone, at several sizes")
+        self._enter(pool, self._scanned(start, noise))
+        for fit in self._ranked(pool)[:_RIVALS]:
+            pool[fit.causes] = self.renewed(fit, noise, everything=False)
+        judged = healthy  # whose noise it is
+        for _ in range(_TURNS):
+            leader = self._first(pool)
+            if not leader.settled:
+                pool[leader.causes] = self.settle(leader, noise)
                 continue
+            if leader.causes != judged.causes:
+                judged, noise = leader, self.noise(leader)
+                for fit in pool.values():
+                    self.assess(fit, noise)
+                continue
+            self.say("; ".join(f"{'+'.join(fit.causes) or 'healthy'} {fit.score - leader.score:+.0f}"
+                               for fit in list(filter(self.worth, self._ranked(pool)))[:4]))
+            self._enter(pool, self._challengers(leader, noise, pool))
+            close = [fit for fit in self._ranked(pool)
+                     if not fit.settled and fit.score > leader.score - _RIVAL and self.worth(fit)]
+            if not close:
+                break
+            for fit in close[:_RIVALS]:
+                pool[fit.causes] = self.settle(fit, noise)
+        leader = self._first(pool)
+        fits = sorted((fit for fit in pool.values() if self.worth(fit)), key=lambda fit: -fit.score)
+        return Identification(leader, [leader, *(fit for fit in fits if fit is not leader)], pool[()], noise)
+
+    @staticmethod
+    def _ranked(pool: Mapping[tuple[str, ...], Fit]) -> list[Fit]:
+        return sorted(pool.values(), key=lambda fit: -fit.score)
+
+    def _first(self, pool: Mapping[tuple[str, ...], Fit]) -> Fit:
+        return max((fit for fit in pool.values() if self.worth(fit)), key=lambda fit: fit.score)
+
+    @staticmethod
+    def _enter(pool: dict[tuple[str, ...], Fit], fits: Iterable[Fit]) -> None:
+        for fit in fits:
+            if fit.causes not in pool or fit.score > pool[fit.causes].score:
+                pool[fit.causes] = fit
+        for fit in Search._ranked(pool)[_KEPT:]:  # each holds all its derivatives
+            if fit.causes:
+                del pool[fit.causes]
+
+    def _scanned(self, start: Fit, noise: Noise) -> list[Fit]:
+        """Every cause alone, fitted from where it explains most at once.
+
+        A fit that begins without a cause that is there bends everything else towards what is missing, and meets
+        flanks that are not the right ones.
+        """
+        points = [self.assess(probe, noise) for probe in self.probes(start, everything=True)]
+        chosen: list[Fit] = []
+        for probe in sorted(points, key=lambda fit: -fit.score):
+            if sum(fit.causes == probe.causes for fit in chosen) < 2:
+                chosen.append(probe)
+        return [self.assess(self.refine(fit, noise, 3), noise) for fit in chosen[:_SCANNED]]
+
+    def _challengers(self, leader: Fit, noise: Noise, pool: Mapping[tuple[str, ...], Fit]) -> list[Fit]:
+        """What may explain more than the leader does, fitted with its derivatives."""
+        evidence = self.seen(leader, noise.heavy(self.residuals(leader.predicted), _JUDGED)[0])
+        promising = [s for lead, s in self.candidates(leader, evidence)
+                     if lead > -(_PROMISING if len(s) > len(leader.causes) else _SWAPPED)
+                     and not (s in pool and pool[s].settled)]
+        starts = [self.assess(self.start(leader, s, evidence), noise) for s in promising[:_STARTED]]
+        starts = sorted(starts, key=lambda fit: -fit.score)[:_SHORTLIST]
+        starts += self._probed(leader, noise, pool)
+        return [self.assess(self.refine(start, noise, 3), noise) for start in starts]
+
+    def _probed(self, leader: Fit, noise: Noise, pool: Mapping[tuple[str, ...], Fit]) -> list[Fit]:
+        """The better probe of each cause, where it explains more than the leader does."""
+        noise, _ = noise.heavy(self.residuals(leader.predicted))
+        now = self.cost(noise, leader)
+        found: dict[tuple[str, ...], tuple[float, Fit]] = {}
+        for start in self.probes(leader, everything=False):
             cost = self.cost(noise, start)
-            if cost < now and cost < found.get(start.causes, (np.inf,))[0]:
+            if start.causes not in pool and cost < min(now, found.get(start.causes, (np.inf,))[0]):
                 found[start.causes] = (cost, start)
         return [start for _, start in found.values()]
 

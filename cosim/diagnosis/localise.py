@@ -1,9 +1,8 @@
 """Where a torque is missing that no effect of the catalogue explains, and what it goes with.
 
-On each balance in turn a disturbance torque is supposed: hats ``EVERY`` apart whose heights belong to an
-Ornstein-Uhlenbeck process. What each does to all channels is simulated (led along the measured speeds a
-driveline forgets within a second, so hats that far apart share a simulation), and the most probable torque and
-its evidence follow. The balance with the most evidence is where it is; over which variable its torque lies on a
+On each balance in turn a disturbance torque is supposed: a row of hats whose heights belong to an
+Ornstein-Uhlenbeck process. What each does to all channels is simulated, and the most probable torque and its
+evidence follow. The balance with the most evidence is where it is; over which variable its torque lies on a
 curve says what it goes with.
 """
 
@@ -19,10 +18,9 @@ from cosim.diagnosis.identify import Fit
 from cosim.diagnosis.noise import Noise
 from cosim.diagnosis.plants import STEP, Run
 from cosim.diagnosis.plants.car import PUSHED
+from cosim.diagnosis.plants.hats import TEETH, comb, correlation, hats, parted, row
 from cosim.diagnosis.predict import Predictor
 
-EVERY = 0.1  # s between hats
-MEMORY = 1.5  # s after which a led driveline has forgotten a hat
 LASTS = 0.3  # s: how long the torque stays alike
 PUSH = {"engine": 4.0, "transmission": 6.0, "propeller shaft": 6.0, "axle": 20.0, "wheel": 20.0, "vehicle": 60.0}
 _SIZES = np.geomspace(0.05, 30.0, 10)  # of the torque looked for, in units of ``PUSH``
@@ -55,8 +53,7 @@ def disturbances(predictor: Predictor, fit: Fit, noise: Noise) -> list[Disturban
     Args:
         predictor: Of the runs.
         fit: What is known to be wrong.
-        noise: Of the channels; with what ``fit`` leaves in it, it would explain everything itself, so only its
-            floors are used.
+        noise: Of the channels.
     """
     residuals = [(run.stacked - y) / scale for run, y, scale in zip(predictor.runs, fit.predicted, noise.least)]
     supposed = {balance: [_Run(e, h / scale[:, None]) for e, h, scale in zip(
@@ -150,37 +147,17 @@ def _shape(values: np.ndarray, torque: np.ndarray, name: str) -> str:
 
 def _slopes(predictor: Predictor, fit: Fit, balance: str) -> list[np.ndarray]:
     """Per run, what a unit hat does to all channels: samples x hats."""
-    apart = round(MEMORY / EVERY)
-    found = predictor.many([(point, r, (balance, PUSH[balance] * comb(predictor.runs[r], k, apart)))
-                            for r, point in enumerate(fit.points) for k in range(apart)])
+    runs, push = predictor.runs, PUSH[balance]
+    found = predictor.many([(point, r, (balance, push * row(runs[r], comb(hats(runs[r]).size, k))))
+                            for r, point in enumerate(fit.points) for k in range(TEETH)])
     slopes = []
-    for r, run in enumerate(predictor.runs):
-        count = hats(run).size
-        moved = np.zeros((run.stacked.size, count))
-        for k, y in enumerate(found[r * apart:(r + 1) * apart]):
-            if y is None:
-                continue
-            change = (y - fit.predicted[r]) / PUSH[balance]
-            for h in range(k, count, apart):
-                begin = hats(run)[h] - EVERY
-                for name, place in run.slices.items():
-                    clock = run.clocks[name]
-                    there = (clock >= begin) & (clock < begin + MEMORY)
-                    moved[place, h] = np.where(there, change[place], 0.0)
+    for r, run in enumerate(runs):
+        moved = np.zeros((run.stacked.size, hats(run).size))
+        for k, y in enumerate(found[r * TEETH:(r + 1) * TEETH]):
+            if y is not None:
+                moved += parted(run, k, (y - fit.predicted[r]) / push)
         slopes.append(moved)
     return slopes
-
-
-def hats(run: Run) -> np.ndarray:
-    """Instants [s] at which the hats of a run peak."""
-    return run.start + EVERY * np.arange(1, int(len(run.inputs) * STEP / EVERY))
-
-
-def comb(run: Run, first: int, apart: int) -> np.ndarray:
-    """A torque over the steps of a run: every ``apart``-th hat from ``first``, of unit height."""
-    peaks = np.zeros(hats(run).size)
-    peaks[first::apart] = 1.0
-    return np.interp(run.time - STEP, hats(run), peaks, left=0.0, right=0.0)
 
 
 @dataclass(frozen=True)
@@ -204,8 +181,7 @@ class _Run:
     def solve(self, size: float, temperature: float) -> _Answer:
         """Most probable torque if it is of some size, and the noise's variance ``temperature`` times as large."""
         n = len(self.product)
-        apart = np.abs(np.subtract.outer(np.arange(n), np.arange(n))) * EVERY
-        root = np.linalg.cholesky(size**2 * np.exp(-apart / LASTS) + 1e-9 * size**2 * np.eye(n))
+        root = size * np.linalg.cholesky(correlation(n, LASTS))
         matrix = cho_factor(np.eye(n) + root.T @ self.square @ root / temperature, lower=True)
         inner = root.T @ self.product / temperature
         mean = root @ cho_solve(matrix, inner)

@@ -1,8 +1,8 @@
-"""What is left when a model is right: the sensors' noise, and an engine torque that wanders.
+"""What is left when a model is right: the sensors' noise, and what an engine torque does that wanders too fast.
 
 Sensors: noise and resolution, white, read off the recordings. The engine torque is what a control unit
-estimates; the true one wanders about it. What that does to each channel, and where, is simulated; it is largest
-where the lash is crossed gently.
+estimates; the true one wanders about it. Most of that is estimated with the parameters (``plants.hats``); what
+is too fast for it is simulated: how much it moves each channel, and where.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from scipy.signal import lfilter
 from cosim.diagnosis.plants import Run
 
 WANDER, WANDER_TIME = 1.0, 0.1  # of the true torque about its estimate: N.m, s
-_LOST = 3.0  # times the usual distance: from there on samples hardly count
 _TAIL = 2.0  # times the usual scale: from there on errors are no more surprising than their logarithm
 _WINDOW = 0.3  # s: over which scales are averaged
 
@@ -46,67 +45,66 @@ def wander(count: int, step: float, random: np.random.Generator) -> np.ndarray:
 
 
 class Noise:
-    """How large the residuals of a good model are, sample by sample.
+    """How large the residuals of a good model are, sample by sample: the sensors' floor, and what wanders.
 
-    The sensors' floor, and what the best model at hand leaves beyond it: locally, because a plant of another
-    structure errs where flanks meet. Where that is alike from sample to sample, fewer of them count.
+    It does not depend on what any model leaves: a residual that is there for a cause not yet found would count
+    as noise, and hide the cause. Where more is left than there should be, ``heavy`` says what that costs.
 
     Args:
         runs: The runs; their measured values say the floors.
-        residuals: Stacked, what the best model leaves in each.
-        swayed: Stacked, how far every sample strays because the torque wanders.
+        strays: Of each run, how far every sample strays for what is too fast: draws x stacked samples.
+
+    Attributes:
+        floors: Standard deviation of each channel's white noise [its unit].
+        least: Of each run, standard deviation of every sample.
+        scales: The same for a sum of squares: samples that stray alike count as fewer.
     """
 
-    def __init__(self, runs: Sequence[Run], residuals: Sequence[np.ndarray],
-                 swayed: Sequence[np.ndarray]) -> None:
+    def __init__(self, runs: Sequence[Run], strays: Sequence[np.ndarray]) -> None:
         self.runs = list(runs)
         self.floors = floors(runs)
-        self.least = least = [
-            np.concatenate([np.hypot(self.floors[name], sway[place]) for name, place in run.slices.items()])
-            for run, sway in zip(runs, swayed)]
-        local = [_local(run, residual) for run, residual in zip(runs, residuals)]
-        self._base = [np.maximum(a, b) for a, b in zip(local, least)]
-        lost = _lost(runs, [a / b for a, b in zip(local, least)])
-        self.excess = [{name: float(np.mean(np.log(base[place] / low[place]))) for name, place in run.slices.items()}
-                       for run, base, low in zip(runs, self._base, least)]
-        standard = [e / scale for e, scale in zip(residuals, self._base)]
-        alike = {name: np.sqrt(_correlation_time([standard[r][run.slices[name]] for r, run in enumerate(runs)
-                                                  if name in run.clocks])) for name in self.floors}
-        # by how much more a sample's error may be for what it tells
-        self._vague = [factor * np.concatenate([np.full(clock.size, alike[name]) for name, clock in run.clocks.items()])
-                       for run, factor in zip(runs, lost)]
+        sways = [np.sqrt(np.mean(np.square(s), axis=0)) for s in strays]
+        alike = {name: _correlation_time(
+            [row / np.maximum(sways[r][run.slices[name]], 1e-12) for r, run in enumerate(runs) if name in run.clocks
+             for row in strays[r][:, run.slices[name]]]) for name in self.floors}
+        self.least, self.scales = [], []
+        for run, sway in zip(runs, sways):
+            floor = np.concatenate([np.full(clock.size, self.floors[name]) for name, clock in run.clocks.items()])
+            count = np.concatenate([np.full(clock.size, alike[name]) for name, clock in run.clocks.items()])
+            self.least.append(np.hypot(floor, sway))
+            self.scales.append(np.hypot(floor, np.sqrt(count) * sway))
 
-    @property
-    def scales(self) -> list[np.ndarray]:
-        """Standard deviation of every sample of each run, for a sum of squares."""
-        return [a * b for a, b in zip(self._base, self._vague)]
+    def heavy(self, residuals: Sequence[np.ndarray], power: float = 1.0) -> tuple[Noise, float]:
+        """This noise as it is for a supposition that leaves these residuals: with a heavy tail.
 
-    def heavy(self, residuals: Sequence[np.ndarray]) -> tuple[Noise, float]:
-        """This noise as it is for a supposition that leaves other residuals: with a heavy tail.
+        Where they are locally more than ``_TAIL`` times as large as they should be, the scale is larger by a
+        power of that, at the price of its logarithm: one flank that meets at another time does not decide alone.
 
-        Where they are locally more than ``_TAIL`` times as large as they should be, the scale is as much larger,
-        at the price of its logarithm: one flank that meets at another time does not decide alone.
+        Args:
+            residuals: Stacked, of every run.
+            power: 1 pulls a fit towards what it misses; with 2 what was missed hardly counts.
 
         Returns:
             The noise, and what it costs of the log likelihood.
         """
         result, cost = object.__new__(Noise), 0.0
-        result.runs, result.floors, result._vague, result._base = self.runs, self.floors, self._vague, []
-        for run, residual, base, vague in zip(self.runs, residuals, self._base, self._vague):
-            factor = np.maximum(1.0, _local(run, residual) / (_TAIL * base))
-            result._base.append(base * factor)
-            cost += float(np.sum(np.log(factor) / vague**2))
+        result.runs, result.floors, result.least, result.scales = self.runs, self.floors, self.least, []
+        for run, residual, least, scale in zip(self.runs, residuals, self.least, self.scales):
+            factor = np.maximum(1.0, _local(run, residual) / (_TAIL * least))
+            result.scales.append(scale * factor**power)
+            cost += float(np.sum(np.log(factor) * (least / scale) ** 2))
         return result, cost
 
-    @property
-    def size(self) -> float:
-        """Logarithm of the noise's determinant: the less a model leaves unexplained, the smaller."""
-        return float(sum(np.sum(np.log(base)) for base in self._base))
+    def excess(self, residuals: Sequence[np.ndarray]) -> list[dict[str, float]]:
+        """Of each run and channel, mean logarithm of what is left over what should be, where it is more."""
+        return [{name: float(np.mean(np.log(np.maximum(1.0, _local(run, residual)[place] / least[place]))))
+                 for name, place in run.slices.items()}
+                for run, residual, least in zip(self.runs, residuals, self.least)]
 
     def whiten(self, run: int, stacked: np.ndarray) -> np.ndarray:
         """Stacked values of a run, or columns of them, in units of the noise."""
-        scale = self._base[run] * self._vague[run]
-        return stacked / (scale[:, None] if stacked.ndim == 2 else scale)
+        scale = self.scales[run]
+        return stacked * (1.0 / scale).astype(stacked.dtype)[:, None] if stacked.ndim == 2 else stacked / scale
 
 
 def _local(run: Run, residual: np.ndarray) -> np.ndarray:
@@ -116,26 +114,6 @@ def _local(run: Run, residual: np.ndarray) -> np.ndarray:
         count = max(3, round(_WINDOW / float(np.median(np.diff(run.clocks[name])))))
         found[place] = np.sqrt(uniform_filter1d(residual[place] ** 2, count, mode="nearest"))
     return found
-
-
-def _lost(runs: Sequence[Run], ratios: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Factors on the scale of every sample, large where measured and simulated became different stories.
-
-    A flank that meets too late, a lash that is crossed in the one and not in the other: from there on a run
-    tells nothing until they agree again. That is where all channels together are much farther apart than they
-    usually are.
-    """
-    grids = [np.arange(run.start, run.time[-1] + _WINDOW, _WINDOW / 3.0) for run in runs]
-    apart = []
-    for run, ratio, grid in zip(runs, ratios, grids):
-        rows = [np.interp(grid, clock, ratio[run.slices[name]]) for name, clock in run.clocks.items()]
-        apart.append(np.sqrt(np.mean(np.square(rows), axis=0)))
-    usual = max(1.0, float(np.median(np.concatenate(apart))))
-    factors = []
-    for run, grid, rho in zip(runs, grids, apart):
-        factor = np.sqrt(1.0 + (rho / (_LOST * usual)) ** 8)
-        factors.append(np.concatenate([np.interp(clock, grid, factor) for clock in run.clocks.values()]))
-    return factors
 
 
 def floors(runs: Sequence[Run]) -> dict[str, float]:
@@ -150,6 +128,8 @@ def _correlation_time(pieces: Sequence[np.ndarray]) -> float:
     length = min(piece.size for piece in pieces) // 3
     power = sum(float(piece @ piece) for piece in pieces)
     total = 1.0
+    if power == 0.0:
+        return total
     for lag in range(1, length):
         share = sum(float(piece[:-lag] @ piece[lag:]) for piece in pieces) / power
         if share < 0.05:

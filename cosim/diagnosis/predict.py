@@ -18,12 +18,14 @@ import numpy as np
 
 from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.effect import Effect, EffectParameter, factor, scaled
-from cosim.diagnosis.noise import wander
+from cosim.diagnosis.noise import WANDER, wander
 from cosim.diagnosis.plants import STEP, FullOrderCar, Nuisance, Run
+from cosim.diagnosis.plants.hats import TEETH, comb, fast, hats, parted
 from driveline.quantities import InputError
 
 # What differs from run to run: standard deviation, step of the differences.
 RUN_NUISANCES = {"start_speed": (0.3, 0.02), "grade": (0.001, 5e-4), "torque": (1.0, 0.5)}
+WANDERS = "torque_wander"  # the name of the heights of the hats that the engine torque wanders by
 HEALTHY = 0.04  # by how much other numbers of the file are wrong, one sigma of the logarithm
 # What the catalogue can name is right in a healthy car but for this share of what shows.
 TOLERANCE = 0.2
@@ -54,7 +56,7 @@ class Coordinate:
         step: For finite differences.
         low, high: Plausible range.
         phase: Value that holds the phase, for a component of a swing.
-        part: Which: 0 the cosine's, 1 the sine's.
+        part: Which: 0 the cosine's, 1 the sine's; of a row of hats, its place.
     """
 
     name: str
@@ -109,6 +111,8 @@ def coordinates(car: FullOrderCar, runs: Sequence[Run],
     for r in range(len(runs)):
         found += [Coordinate(name, "", "", r, None, spread, spread, step)
                   for name, (spread, step) in RUN_NUISANCES.items()]
+    for r, run in enumerate(runs):
+        found += [Coordinate(WANDERS, "", "", r, None, WANDER, WANDER, WANDER, part=k) for k in range(hats(run).size)]
     return found
 
 
@@ -161,11 +165,14 @@ class Predictor:
         sizes: dict[str, dict[str, float]] = {}
         swings: dict[tuple[str, str, str], complex] = {}
         own: dict[str, float] = {}
+        heights: list[float] = []
         values = dict(self.car.values)
         for c, x in zip(self.coordinates, u):
             if c.run is not None and c.run != run:
                 continue
-            if c.parameter is None:
+            if c.name == WANDERS:
+                heights.append(float(x))
+            elif c.parameter is None:
                 own[c.name] = float(x)
             elif x == 0.0:
                 continue
@@ -182,7 +189,7 @@ class Predictor:
             values[phase] = float(np.angle(swing))
         for name, given in sizes.items():
             values |= CATALOGUE[name].changes(given, values)
-        return values, Nuisance(**own)
+        return values, Nuisance(**own, wander=tuple(heights))
 
     def predict(self, u: np.ndarray, run: int, change: int | tuple[str, np.ndarray] | None = None) -> np.ndarray | None:
         """What the channels of a run should read, stacked; None where the plant refuses these values.
@@ -190,8 +197,8 @@ class Predictor:
         Args:
             u: Coordinates.
             run: Which run.
-            change: A seed: the engine torque wanders about its estimate, in a way of its own for every seed. A
-                balance of the driveline and a torque at every step: that acts on it.
+            change: A seed: the engine torque wanders about its estimate faster than hats can follow, in a way of
+                its own for every seed. A balance of the driveline and a torque at every step: that acts on it.
         """
         values, nuisance = self.values(u, run)
         here = self.runs[run]
@@ -208,7 +215,7 @@ class Predictor:
             self.simulations += 1
             torque = 0.0
             if seed is not None:
-                torque = wander(len(here.inputs), STEP, np.random.default_rng([seed, run]))
+                torque = fast(here, wander(len(here.inputs), STEP, np.random.default_rng([seed, run])))
             try:
                 found = self.car.raw(values, here, nuisance, torque)
             except (ArithmeticError, InputError):
@@ -238,38 +245,55 @@ class Predictor:
         return None if any(y is None for y in found) else found
 
     def jacobian(self, points: Sequence[np.ndarray], predicted: Sequence[np.ndarray],
-                 columns: Sequence[int]) -> list[np.ndarray]:
-        """Derivatives of the stacked predictions of every run by some coordinates (samples x columns).
+                 columns: Mapping[int, Sequence[int]]) -> list[np.ndarray]:
+        """Derivatives of the stacked predictions of some runs by some coordinates (samples x columns).
 
-        One-sided differences, away from a limit of the plausible range. Columns of another run are 0.
+        One-sided differences, away from a limit of the plausible range.
+
+        Args:
+            points, predicted: Of all runs.
+            columns: Which coordinates for which run; of the hats of a row all or none.
         """
         jobs: list[tuple[np.ndarray, int]] = []
         places: list[tuple[int, int, float]] = []
-        # what only instruments feel needs no new simulation: side by side they share one
-        order = sorted(range(len(columns)), key=lambda k: not _instrument(self.coordinates[columns[k]]))
-        result = [np.zeros((y.size, len(columns)), dtype=np.float32) for y in predicted]
-        for run, u in enumerate(points):
-            for place in order:
-                column = columns[place]
-                c = self.coordinates[column]
-                if c.run not in (None, run):
-                    continue
-                step = c.step if u[column] + c.step <= c.high else -c.step
+        for run, wanted in columns.items():
+            u = points[run]
+            row = [i for i in wanted if self.coordinates[i].name == WANDERS]
+            for first in range(TEETH if row else 0):
                 moved = u.copy()
-                moved[column] += step
+                moved[row] += WANDER * comb(len(row), first)
+                jobs.append((moved, run))
+                places.append((run, -1 - first, WANDER))
+            # what only instruments feel needs no new simulation: side by side they share one
+            for place in sorted(range(len(wanted)), key=lambda k: not _instrument(self.coordinates[wanted[k]])):
+                c = self.coordinates[wanted[place]]
+                if c.run not in (None, run) or c.name == WANDERS:
+                    continue
+                step = c.step if u[wanted[place]] + c.step <= c.high else -c.step
+                moved = u.copy()
+                moved[wanted[place]] += step
                 jobs.append((moved, run))
                 places.append((run, place, step))
+        result = {run: np.zeros((predicted[run].size, len(wanted)), dtype=np.float32)
+                  for run, wanted in columns.items()}
         for (run, place, step), y in zip(places, self.many(jobs)):
-            if y is not None:
-                result[run][:, place] = (y - predicted[run]) / step
-        return result
+            if y is None:
+                continue
+            change = (y - predicted[run]) / step
+            if place >= 0:
+                result[run][:, place] = change
+            else:
+                row = [k for k, i in enumerate(columns[run]) if self.coordinates[i].name == WANDERS]
+                result[run][:, row] += parted(self.runs[run], -1 - place, change)
+        return list(result.values())
 
-    def swayed(self, points: Sequence[np.ndarray], predicted: Sequence[np.ndarray], count: int) -> list[np.ndarray]:
-        """How far every sample strays, root mean square, because the torque wanders about its estimate."""
+    def strays(self, points: Sequence[np.ndarray], predicted: Sequence[np.ndarray], count: int) -> list[np.ndarray]:
+        """Of each run, how far every sample strays as the torque wanders faster than hats can follow: draws x
+        samples."""
         jobs = [(u, run, seed) for run, u in enumerate(points) for seed in range(count)]
         found = self.many(jobs)
-        return [np.sqrt(np.mean([(y - predicted[run]) ** 2 for y in found[run * count:(run + 1) * count]
-                                 if y is not None], axis=0)) for run in range(len(points))]
+        return [np.array([y - predicted[run] for y in found[run * count:(run + 1) * count] if y is not None])
+                for run in range(len(points))]
 
 
 def _instrument(coordinate: Coordinate) -> bool:

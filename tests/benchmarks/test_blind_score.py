@@ -109,7 +109,8 @@ def test_a_target_that_few_cases_meet_is_not_shown():
 def test_what_is_first_stated_and_named():
     causes = [cause("vehicle_mass", {}, 0.5), cause("engine_inertia", {}, 0.3), cause("tyre_slip", {}, 0.1)]
     found = finding("ambiguous", causes, [["backlash_size", "vehicle_mass"]])
-    assert score.listed(found)[0] == "vehicle_mass" and score.named(found) == ["vehicle_mass"]
+    assert score.listed(found)[0] == "vehicle_mass" and score.named(found) == ["vehicle_mass", "engine_inertia"]
+    assert score.named({**found, "ambiguous_with": [{"effects": ["engine_inertia"]}]}) == ["vehicle_mass"]
     assert score.stated(found) == {"vehicle_mass", "engine_inertia", "tyre_slip", "backlash_size"}
     for other in ("none", "unknown"):
         assert not score.listed({**found, "verdict": other}) and not score.stated({**found, "verdict": other})
@@ -123,8 +124,9 @@ def test_what_is_first_stated_and_named():
     ("none", "shaft_stiffness", None, 0.0, False)])
 def test_a_stiffness_in_place_of_an_inertia_counts_where_it_is_named(verdict, first, second, share, counts):
     causes = [cause(first, {}, 0.6)] + ([cause(second, {}, share)] if second else [])
-    assert score.stiffness_for_inertia(result("single", finding(verdict, causes), SINGLE[0])) is counts
-    assert not score.stiffness_for_inertia(result("single", finding(verdict, causes), SINGLE[1]))
+    found = finding(verdict, causes, [[second]] if verdict == "ambiguous" else [])
+    assert score.stiffness_for_inertia(result("single", found, SINGLE[0])) is counts
+    assert not score.stiffness_for_inertia(result("single", found, SINGLE[1]))
 
 
 @pytest.mark.parametrize("truth", SINGLE)

@@ -6,7 +6,9 @@ from scipy.stats import multivariate_normal
 
 from cosim.diagnosis.effect import factor
 from cosim.diagnosis.evidence import Evidence, Layout, Slopes, heterogeneity, prior
-from cosim.diagnosis.predict import Coordinate
+from cosim.diagnosis.noise import WANDER, WANDER_TIME
+from cosim.diagnosis.plants.hats import EVERY
+from cosim.diagnosis.predict import WANDERS, Coordinate
 
 RUNS, SAMPLES = 3, 40
 
@@ -29,7 +31,8 @@ def problem():
     points = [0.3 * random.standard_normal(len(coordinates)) * (np.abs(j).sum(axis=0) > 0) for j in jacobians]
     targets = [random.standard_normal(SAMPLES) + j[:, 0] for j in jacobians]
     # linearised at a point of its own, a run shows the residual there
-    seen = [Slopes(layout, r, j).seen(z - j @ p, p) for r, (j, z, p) in enumerate(zip(jacobians, targets, points))]
+    seen = [Slopes(layout, r, j[:, layout.columns[r]]).seen(z - j @ p, p)
+            for r, (j, z, p) in enumerate(zip(jacobians, targets, points))]
     return coordinates, jacobians, targets, Evidence(seen)
 
 
@@ -81,7 +84,7 @@ def test_posterior_is_where_the_density_is_highest(problem):
 def test_however_sharp_a_run_says_no_more_than_heterogeneity_allows(problem):
     coordinates, jacobians, targets, _ = problem
     layout = Layout(coordinates, RUNS)
-    seen = [Slopes(layout, r, 1e3 * j).seen(1e3 * z, np.zeros(len(coordinates)))
+    seen = [Slopes(layout, r, 1e3 * j[:, layout.columns[r]]).seen(1e3 * z, np.zeros(len(coordinates)))
             for r, (j, z) in enumerate(zip(jacobians, targets))]
     deviations = np.sqrt(np.diag(Evidence(seen).posterior(prior(coordinates, ("one", "two"))).covariance))
     assert np.all(deviations > 0.95 * layout.deviation / np.sqrt(RUNS) * np.array([1.0, 1.0, 1.0]))
@@ -94,3 +97,11 @@ def test_what_a_wide_coordinate_can_do_is_not_apart(problem):
     near = evidence.separation(change, prior(coordinates, ("one",)))
     far = evidence.separation(change, prior(coordinates, ("two",)))
     assert near < 0.5 < 1.5 < far
+
+
+def test_a_wandering_torque_is_alike_from_hat_to_hat():
+    coordinates = [coordinate("a", "one", None, 0.1, 1.5)] + [
+        Coordinate(WANDERS, "", "", 0, None, WANDER, WANDER, 1.0, part=k) for k in range(6)]
+    covariance = np.linalg.inv(Layout(coordinates, 1).precision[0])
+    assert np.sqrt(covariance[2, 2]) == pytest.approx(WANDER)
+    assert covariance[2, 3] / covariance[2, 2] == pytest.approx(np.exp(-EVERY / WANDER_TIME), rel=1e-6)

@@ -7,11 +7,12 @@ import pytest
 
 from cosim.diagnosis.hidden import hide
 from cosim.diagnosis.identify import Fit
-from cosim.diagnosis.localise import PUSH, comb, disturbances, goes_with, hats
+from cosim.diagnosis.localise import PUSH, disturbances, goes_with
 from cosim.diagnosis.noise import Noise
 from cosim.diagnosis.plants import FullOrderCar, Nuisance
 from cosim.diagnosis.plants.car import ANCHORS
-from cosim.diagnosis.predict import Predictor, coordinates
+from cosim.diagnosis.plants.hats import EVERY, TEETH, comb, fast, hats, row
+from cosim.diagnosis.predict import WANDERS, Predictor, coordinates
 from cosim.measured import load
 from driveline.plants.full_order import FullOrderPlant
 
@@ -71,7 +72,7 @@ def test_zero_is_the_vehicle_file_and_every_coordinate_moves_something(car_and_r
     with Predictor(car, [run], declared) as predictor:
         base = predictor.all_runs([zero])
         assert np.array_equal(base[0], car.predict(car.values, run))
-        slopes = predictor.jacobian([zero], base, range(len(declared)))[0]
+        slopes = predictor.jacobian([zero], base, {0: range(len(declared))})[0]
     moves = np.abs(slopes).max(axis=0)
     idle = [c.name for c, m in zip(declared, moves) if m == 0.0]
     # these do nothing while they are small, or where the file has no suspension
@@ -82,10 +83,11 @@ def test_several_processes_say_the_same(car_and_run):
     car, run = car_and_run
     declared = coordinates(car, [run])
     zero = np.zeros(len(declared))
+    columns = [0, 5, *(i for i, c in enumerate(declared) if c.name == WANDERS)]
     found = []
     for workers in (1, 2):
         with Predictor(car, [run], declared, workers) as predictor:
-            found.append(predictor.jacobian([zero], predictor.all_runs([zero]), [0, 5, len(declared) - 1])[0])
+            found.append(predictor.jacobian([zero], predictor.all_runs([zero]), {0: columns})[0])
     assert np.array_equal(*found)
 
 
@@ -103,9 +105,32 @@ def test_a_swing_has_the_amplitude_of_its_components(car_and_run):
 
 def test_hats_apart_make_up_every_hat(car_and_run):
     _, run = car_and_run
-    whole = sum(comb(run, k, 10) for k in range(10))
+    whole = sum(row(run, comb(hats(run).size, k)) for k in range(TEETH))
     inside = (run.time - 1e-3 > hats(run)[0]) & (run.time - 1e-3 < hats(run)[-1])
     assert np.allclose(whole[inside], 1.0)
+
+
+def test_hats_follow_what_is_slow_and_leave_what_is_fast(car_and_run):
+    _, run = car_and_run
+    inside = (run.time > hats(run)[1]) & (run.time < hats(run)[-2])
+    for period, left in ((20.0 * EVERY, 0.03), (EVERY, 0.6)):
+        torque = np.sin(2.0 * np.pi * run.time / period)
+        rest = np.std(fast(run, torque)[inside]) / np.std(torque[inside])
+        assert rest < left if period > 5.0 * EVERY else rest > left
+
+
+def test_the_slopes_of_a_row_of_hats_are_those_of_each(car_and_run):
+    car, run = car_and_run
+    declared = coordinates(car, [run])
+    zero = np.zeros(len(declared))
+    places = [i for i, c in enumerate(declared) if c.name == WANDERS]
+    with Predictor(car, [run], declared) as predictor:
+        base = predictor.all_runs([zero])[0]
+        slopes = predictor.jacobian([zero], [base], {0: places})[0]
+        one = zero.copy()
+        one[places[40]] = 1.0
+        alone = predictor.predict(one, 0) - base
+    assert np.abs(slopes[:, 40] - alone).max() < 0.1 * np.abs(alone).max()
 
 
 @pytest.mark.parametrize("balance", ["vehicle", "propeller shaft"])
@@ -127,7 +152,7 @@ def test_a_torque_nobody_knew_of_is_found_where_it_acts(car_and_run, balance):
         zero = np.zeros(len(declared))
         predicted = predictor.all_runs([zero])
         fit = Fit((), zero, [zero], predicted, [])
-        noise = Noise([led], [led.stacked - predicted[0]], [np.zeros(led.stacked.size)])
+        noise = Noise([led], [np.zeros((2, led.stacked.size))])
         first = disturbances(predictor, fit, noise)[0]
     assert first.balance == balance
     true = np.interp(hats(led), run.time, push)

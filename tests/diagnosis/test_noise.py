@@ -41,25 +41,37 @@ def test_the_wandering_torque_has_its_size_and_time():
     assert np.mean(values[:-lag] * values[lag:]) == pytest.approx(WANDER**2 / np.e, rel=0.1)
 
 
+def still(draws=4):
+    return [np.zeros((draws, CLOCK.size))]
+
+
 def test_white_residuals_of_the_floor_s_size_are_whitened_to_one(white):
-    noise = Noise([run("a", white)], [white], [np.zeros(white.size)])
-    assert np.std(noise.whiten(0, white)) == pytest.approx(0.9, abs=0.15)
-    assert noise.excess[0]["engine_speed"] < 0.1
+    noise = Noise([run("a", white)], still())
+    assert np.std(noise.whiten(0, white)) == pytest.approx(1.0, abs=0.15)
+    assert noise.excess([white])[0]["engine_speed"] < 0.1
 
 
-def test_where_measured_and_simulated_part_hardly_anything_counts(white):
-    quiet, parted = white.copy(), white.copy()
-    parted[300:400] += 3.0
-    noise = Noise([run("a", quiet), run("b", parted)], [quiet, parted], [np.zeros(white.size)] * 2)
-    scales = noise.scales
-    assert np.median(scales[1][330:370]) > 100.0 * np.median(scales[1][:200])
-    assert np.median(scales[1][:200]) < 2.0 * np.median(scales[0])
+def test_what_strays_slowly_counts_as_few_samples(white):
+    random, keep = np.random.default_rng(2), 0.9
+    strays = np.zeros((6, CLOCK.size))
+    for i in range(1, CLOCK.size):
+        strays[:, i] = keep * strays[:, i - 1] + random.standard_normal(6)
+    noise = Noise([run("a", white)], [strays])
+    size = 1.0 / np.sqrt(1.0 - keep**2)
+    assert np.median(noise.least[0]) == pytest.approx(size, rel=0.25)
+    assert np.median(noise.scales[0] / noise.least[0]) ** 2 == pytest.approx((1.0 + keep) / (1.0 - keep), rel=0.4)
+
+
+def test_what_a_model_leaves_is_no_noise_but_an_excess(white):
+    noise = Noise([run("a", white)], still())
+    assert noise.excess([10.0 * white])[0]["engine_speed"] == pytest.approx(np.log(10.0), abs=0.15)
+    assert np.array_equal(noise.scales[0], Noise([run("a", white)], still()).scales[0])
 
 
 def test_a_few_seconds_that_do_not_fit_cost_their_logarithm_not_their_square(white):
     worse = white.copy()
     worse[300:330] += 1.0
-    noise = Noise([run("a", white)], [white], [np.zeros(white.size)])
+    noise = Noise([run("a", white)], still())
     heavy, cost = noise.heavy([worse])
     plain = 0.5 * np.sum(noise.whiten(0, worse) ** 2)
     tailed = 0.5 * np.sum(heavy.whiten(0, worse) ** 2) + cost

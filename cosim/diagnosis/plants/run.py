@@ -18,11 +18,13 @@ class Nuisance:
         start_speed: Added to the vehicle speed at the start [m/s].
         grade: Added to the road's slope [rad].
         torque: Added to the engine torque [N.m].
+        wander: Heights of the hats that are added to it as well [N.m]; none for no such torque.
     """
 
     start_speed: float = 0.0
     grade: float = 0.0
     torque: float = 0.0
+    wander: tuple[float, ...] = ()
 
 
 NONE = Nuisance()

@@ -1,0 +1,99 @@
+"""The search on plants of a few lines, whose landscapes are known."""
+
+import numpy as np
+import pytest
+
+from cosim.diagnosis.effect import factor
+from cosim.diagnosis.identify import SMALLEST, Fit, Search, Tangent
+from cosim.diagnosis.noise import Noise
+from cosim.diagnosis.plants import Run
+from cosim.diagnosis.predict import Coordinate, Predictor
+
+CLOCK = np.arange(0.0, 6.0, 0.02)
+NOISE, RUNS, DETECTION = 0.05, 2, 0.1
+PERIOD = 1.0
+
+
+def coordinate(cause, run=None):
+    p = factor(cause or "start", cause or "start", unit="1", meaning="", spread=1.0, limits=(0.3, 3.0),
+               detection=DETECTION)
+    if not cause:
+        return Coordinate("start", "", "", run, None, 0.3, 0.3, 0.01)
+    return Coordinate(cause, cause, cause, None, p, 0.2 * DETECTION, 1.0, 0.02, -1.0, 1.0)
+
+
+class Plant(Predictor):
+    """A vibration of which one cause changes the phase, one the size, and two the slope alike."""
+
+    def __init__(self, hidden, seed=1):
+        coordinates = [coordinate(cause) for cause in ("phase", "size", "slope", "tilt", "curve")]
+        coordinates += [coordinate("", r) for r in range(RUNS)]
+        random = np.random.default_rng(seed)
+        super().__init__(None, [], coordinates)
+        truth = np.array([hidden.get(c.cause, 0.0) for c in coordinates])
+        self.runs = []
+        for r in range(RUNS):
+            values = self.predict(truth, r) + NOISE * random.standard_normal(CLOCK.size)
+            self.runs.append(Run(f"{r}", "tip_in", 5, 0.0, np.zeros((6000, 1)), 10.0, {"engine_speed": CLOCK},
+                                 {"engine_speed": values}))
+
+    def predict(self, u, run, change=None):
+        phase, size, slope, tilt, curve = u[:5]
+        wave = (1.0 + run) * np.exp(size) * np.sin(2.0 * np.pi * CLOCK * (1.0 + 0.2 * run) / PERIOD + 8.0 * phase)
+        return wave + (slope + tilt) * CLOCK + curve * (CLOCK / 6.0) ** 2 + u[5 + run]
+
+
+def found(hidden):
+    search = Search(Plant(hidden), lambda text: None)
+    return search, search.run()
+
+
+def test_where_nothing_is_hidden_nothing_is_found():
+    assert found({})[1].best.causes == ()
+
+
+@pytest.mark.parametrize("cause, size", [("size", 0.3), ("size", -0.2), ("curve", 0.8), ("phase", 0.2)])
+def test_a_cause_is_found_with_its_size(cause, size):
+    search, result = found({cause: size})
+    assert result.best.causes == (cause,)
+    [i] = search.predictor.index(cause)
+    assert result.best.shared[i] == pytest.approx(size, abs=0.6 * DETECTION)
+
+
+def test_a_cause_beyond_a_local_minimum_is_found():
+    """More than half a period away, a fit from the file ends up a period off."""
+    search, result = found({"phase": 0.5})
+    assert result.best.causes == ("phase",) and result.best.shared[0] == pytest.approx(0.5, abs=0.02)
+    zero = np.zeros(len(search.coordinates))
+    points = [zero.copy() for _ in range(RUNS)]
+    predicted = search.predictor.all_runs(points)
+    tangents = [Tangent(j) for j in search.predictor.jacobian(points, predicted, dict(enumerate(search.layout.columns)))]
+    started = search.assess(search.refine(Fit(("phase",), zero, points, predicted, tangents), result.noise), result.noise)
+    assert started.score < result.best.score - 20.0
+
+
+def test_two_causes_are_found():
+    assert set(found({"size": 0.4, "curve": 0.9})[1].best.causes) == {"size", "curve"}
+
+
+def test_causes_that_do_the_same_stand_side_by_side():
+    _, result = found({"slope": 0.3})
+    first, second = result.alternatives[:2]
+    assert {first.causes, second.causes} == {("slope",), ("tilt",)}
+    assert abs(first.score - second.score) < 1.0
+
+
+def test_what_healthy_cars_differ_by_is_no_cause():
+    assert found({"size": 0.5 * SMALLEST * DETECTION})[1].best.causes == ()
+
+
+def test_derivatives_follow_a_step_and_tell_how_far_they_were_off():
+    random = np.random.default_rng(3)
+    run = Plant({}).runs[0]
+    noise = Noise([run], [np.zeros((2, CLOCK.size))])
+    jacobian, step = random.standard_normal((CLOCK.size, 4)), random.standard_normal(4)
+    change = random.standard_normal(CLOCK.size)
+    moved = Tangent(jacobian).moved(step, change, np.array([1.0, 2.0, 0.5, 0.1]), noise, 0)
+    assert moved.jacobian @ step == pytest.approx(change, abs=1e-4)
+    assert moved.bent == pytest.approx(np.sum(noise.whiten(0, change - jacobian @ step) ** 2))
+    assert Tangent(jacobian).moved(0.0 * step, change, np.ones(4), noise, 0).bent == 0.0
