@@ -11,6 +11,7 @@ import contextlib
 import dataclasses
 import functools
 import hashlib
+import itertools
 import json
 import logging
 import multiprocessing
@@ -165,9 +166,21 @@ def _dask(address: str) -> Iterator[Callable[[Sequence[Case]], Iterator[tuple[Ca
         raise InputError(f"--cluster {address}: there is no dask scheduler ({error})") from error
 
     def finished(cases: Sequence[Case]) -> Iterator[tuple[Case, Callable]]:
-        futures = {client.submit(case.run, key=f"{case.key}-{case.name}"): case for case in cases}
-        for future in completed(futures):
-            yield futures[future], future.result
+        # as many as there are threads, and the next as one ends: the scheduler would deal all of them out at once,
+        # and a worker that is done early was seen to idle beside another's queue
+        waiting, running, ended = iter(cases), {}, completed()
+
+        def feed() -> None:
+            for case in itertools.islice(waiting, max(sum(client.nthreads().values()) - len(running), 0)):
+                future = client.submit(case.run, key=f"{case.key}-{case.name}")
+                running[future] = case
+                ended.add(future)
+
+        feed()
+        for future in ended:
+            case = running.pop(future)
+            feed()
+            yield case, future.result
 
     with client:
         yield finished

@@ -67,8 +67,9 @@ def test_a_cause_beyond_a_local_minimum_is_found():
     zero = np.zeros(len(search.coordinates))
     points = [zero.copy() for _ in range(RUNS)]
     predicted = search.predictor.all_runs(points)
-    tangents = [Tangent(j) for j in search.predictor.jacobian(points, predicted, dict(enumerate(search.layout.columns)))]
-    started = search.assess(search.refine(Fit(("phase",), zero, points, predicted, tangents), result.noise), result.noise)
+    jacobians = search.predictor.jacobian(points, predicted, dict(enumerate(search.layout.columns)))
+    start = Fit(("phase",), zero, points, predicted, [Tangent(j) for j in jacobians])
+    started = search.assess(search.refine(start, result.noise), result.noise)
     assert started.score < result.best.score - 20.0
 
 
