@@ -36,6 +36,7 @@ _RIVAL, _RIVALS = 12.0, 4  # log evidence below the leader at which a rival gets
 _SETTLED = 1.0  # log evidence that a fit with new derivatives may still gain
 _BENT = 2.0  # squared distance [sigma] between a run and its tangent at which derivatives are renewed
 _JUDGED = 2.0  # power of the heavy tail where suppositions are compared
+_UNEXPLAINED = 40.0  # of minus twice the log likelihood of a run: leaves half of what it says
 _ROUNDS = 3  # of new derivatives for a fit
 _TURNS = 8  # steps of the search, at most
 _SIZES = (-4.0, -1.5, 1.5, 4.0)  # of probes, in detection limits
@@ -146,6 +147,20 @@ class Search:
     def noise(self, fit: Fit) -> Noise:
         """What is left of the residuals where a fitted supposition is right."""
         return Noise(self.predictor.runs, self.predictor.strays(fit.points, fit.predicted, _ENSEMBLE))
+
+    def doubted(self, noise: Noise, pool: Mapping[tuple[str, ...], Fit]) -> Noise:
+        """A noise under which a run counts for less that no supposition explains.
+
+        Then its fits are in one minimum or another, and which of them is best is luck.
+        """
+        costs = []
+        for fit in pool.values():
+            heavy, _ = noise.heavy(self.residuals(fit.predicted))
+            costs.append([self.run_cost(heavy, r, predicted, fit.shared, point)
+                          for r, (predicted, point) in enumerate(zip(fit.predicted, fit.points))])
+        sizes = np.array([measured.size for measured in self.measured])
+        unexplained = np.min(costs, axis=0) - sizes - np.sqrt(2.0 * sizes)  # chi square, one sigma above
+        return noise.tempered(1.0 + np.maximum(unexplained, 0.0) / _UNEXPLAINED)
 
     def assess(self, fit: Fit, noise: Noise) -> Fit:
         """Evidence of a fitted supposition under a noise."""
@@ -384,25 +399,31 @@ class Search:
         self._enter(pool, self._scanned(start, noise))
         for fit in self._ranked(pool)[:_RIVALS]:
             pool[fit.causes] = self.renewed(fit, noise, everything=False)
-        judged = healthy  # whose noise it is
+        judged, noise = healthy, self.doubted(noise, pool)
+        for fit in pool.values():
+            self.assess(fit, noise)
         for _ in range(_TURNS):
             leader = self._first(pool)
             if not leader.settled:
                 pool[leader.causes] = self.settle(leader, noise)
                 continue
             if leader.causes != judged.causes:
-                judged, noise = leader, self.noise(leader)
+                judged, noise = leader, self.doubted(self.noise(leader), pool)
                 for fit in pool.values():
                     self.assess(fit, noise)
                 continue
             self.say("; ".join(f"{'+'.join(fit.causes) or 'healthy'} {fit.score - leader.score:+.0f}"
                                for fit in list(filter(self.worth, self._ranked(pool)))[:4]))
-            self._enter(pool, self._challengers(leader, noise, pool))
-            close = [fit for fit in self._ranked(pool)
-                     if not fit.settled and fit.score > leader.score - _RIVAL and self.worth(fit)]
+            challengers, hopes = self._challengers(leader, noise, pool)
+            self._enter(pool, challengers)
+            # what the derivatives promise counts as well: a fit that fell short of it is in another minimum
+            behind = {fit.causes: leader.score - fit.score for fit in pool.values()}
+            behind |= {s: min(behind[s], -hope) for s, hope in hopes.items() if s in behind}
+            close = [fit for fit in pool.values()
+                     if not fit.settled and behind[fit.causes] < _RIVAL and self.worth(fit)]
             if not close:
                 break
-            for fit in close[:_RIVALS]:
+            for fit in sorted(close, key=lambda fit: behind[fit.causes])[:_RIVALS]:
                 pool[fit.causes] = self.settle(fit, noise)
         leader = self._first(pool)
         fits = sorted((fit for fit in pool.values() if self.worth(fit)), key=lambda fit: -fit.score)
@@ -437,16 +458,17 @@ class Search:
                 chosen.append(probe)
         return [self.assess(self.refine(fit, noise, 3), noise) for fit in chosen[:_SCANNED]]
 
-    def _challengers(self, leader: Fit, noise: Noise, pool: Mapping[tuple[str, ...], Fit]) -> list[Fit]:
-        """What may explain more than the leader does, fitted with its derivatives."""
+    def _challengers(self, leader: Fit, noise: Noise,
+                     pool: Mapping[tuple[str, ...], Fit]) -> tuple[list[Fit], dict[tuple[str, ...], float]]:
+        """What may explain more than the leader does, fitted with its derivatives; and what these promised."""
         evidence = self.seen(leader, noise.heavy(self.residuals(leader.predicted), _JUDGED)[0])
-        promising = [s for lead, s in self.candidates(leader, evidence)
+        promising = {s: lead for lead, s in self.candidates(leader, evidence)
                      if lead > -(_PROMISING if len(s) > len(leader.causes) else _SWAPPED)
-                     and not (s in pool and pool[s].settled)]
-        starts = [self.assess(self.start(leader, s, evidence), noise) for s in promising[:_STARTED]]
-        starts = sorted(starts, key=lambda fit: -fit.score)[:_SHORTLIST]
+                     and not (s in pool and pool[s].settled)}
+        starts = [self.assess(self.start(leader, s, evidence), noise) for s in list(promising)[:_STARTED]]
+        starts = sorted(starts, key=lambda fit: -max(fit.score - leader.score, promising[fit.causes]))[:_SHORTLIST]
         starts += self._probed(leader, noise, pool)
-        return [self.assess(self.refine(start, noise, 3), noise) for start in starts]
+        return [self.assess(self.refine(start, noise, 3), noise) for start in starts], promising
 
     def _probed(self, leader: Fit, noise: Noise, pool: Mapping[tuple[str, ...], Fit]) -> list[Fit]:
         """The better probe of each cause, where it explains more than the leader does."""

@@ -8,6 +8,7 @@ is too fast for it is simulated: how much it moves each channel, and where.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -74,6 +75,12 @@ class Noise:
             self.least.append(np.hypot(floor, sway))
             self.scales.append(np.hypot(floor, np.sqrt(count) * sway))
 
+    def tempered(self, temperatures: Sequence[float]) -> Noise:
+        """This noise, larger: of each run, minus the log likelihood is divided by a temperature."""
+        result = copy(self)
+        result.scales = [scale * np.sqrt(t) for scale, t in zip(self.scales, temperatures)]
+        return result
+
     def heavy(self, residuals: Sequence[np.ndarray], power: float = 1.0) -> tuple[Noise, float]:
         """This noise as it is for a supposition that leaves these residuals: with a heavy tail.
 
@@ -87,8 +94,8 @@ class Noise:
         Returns:
             The noise, and what it costs of the log likelihood.
         """
-        result, cost = object.__new__(Noise), 0.0
-        result.runs, result.floors, result.least, result.scales = self.runs, self.floors, self.least, []
+        result, cost = copy(self), 0.0
+        result.scales = []
         for run, residual, least, scale in zip(self.runs, residuals, self.least, self.scales):
             factor = np.maximum(1.0, _local(run, residual) / (_TAIL * least))
             result.scales.append(scale * factor**power)
