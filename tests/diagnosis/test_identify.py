@@ -98,3 +98,14 @@ def test_derivatives_follow_a_step_and_tell_how_far_they_were_off():
     assert moved.jacobian @ step == pytest.approx(change, abs=1e-4)
     assert moved.bent == pytest.approx(np.sum(noise.whiten(0, change - jacobian @ step) ** 2))
     assert Tangent(jacobian).moved(0.0 * step, change, np.ones(4), noise, 0).bent == 0.0
+
+
+def test_a_run_that_nothing_explains_counts_for_less():
+    plant = Plant({"size": 0.3})
+    plant.runs[1].measured["engine_speed"][:] += 0.5 * np.sign(np.sin(2.0 * np.pi * 3.7 * CLOCK))
+    search = Search(plant, lambda text: None)
+    result = search.run()
+    plain = search.noise(result.best)
+    scales = [np.median(result.noise.scales[r] / plain.scales[r]) for r in range(RUNS)]
+    assert scales[0] == pytest.approx(1.0, abs=0.2) and scales[1] > 1.5
+    assert result.best.causes == ("size",)

@@ -77,3 +77,11 @@ def test_a_few_seconds_that_do_not_fit_cost_their_logarithm_not_their_square(whi
     tailed = 0.5 * np.sum(heavy.whiten(0, worse) ** 2) + cost
     assert tailed < 0.5 * plain
     assert noise.heavy([white])[1] == 0.0
+
+
+def test_a_run_at_a_temperature_says_less_and_is_no_noisier(white):
+    noise = Noise([run("a", white)], still())
+    warm = noise.tempered([4.0])
+    assert np.sum(warm.whiten(0, white) ** 2) == pytest.approx(0.25 * np.sum(noise.whiten(0, white) ** 2))
+    assert warm.excess([10.0 * white]) == noise.excess([10.0 * white])
+    assert np.array_equal(noise.scales[0], Noise([run("a", white)], still()).scales[0])
