@@ -167,10 +167,14 @@ class Squares:
 
     def _derivatives(self, u: np.ndarray, predicted: list[np.ndarray], columns: list[int]) -> np.ndarray:
         if u.any():
-            return np.concatenate(self.predictor.jacobian([u] * len(predicted), predicted, columns))
+            return self._slopes(u, predicted, columns)
         if self._jacobian is None:  # at the vehicle file, for all methods
-            self._jacobian = np.concatenate(self.predictor.jacobian([u] * len(predicted), predicted, self._all))
+            self._jacobian = self._slopes(u, predicted, self._all)
         return self._jacobian[:, [self._all.index(column) for column in columns]]
+
+    def _slopes(self, u: np.ndarray, predicted: list[np.ndarray], columns: list[int]) -> np.ndarray:
+        runs = range(len(predicted))
+        return np.concatenate(self.predictor.jacobian([u] * len(runs), predicted, dict.fromkeys(runs, columns)))
 
     def fit(self, columns: list[int], start: np.ndarray, iterations: int) -> Fit:
         """The best point in so many steps of Levenberg and Marquardt, within what is plausible."""
