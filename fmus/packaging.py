@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import html
+import io
 import json
 import os
 import re
@@ -20,6 +21,7 @@ from importlib import metadata
 from pathlib import Path
 
 import pythonfmu
+from elftools.elf.elffile import ELFFile
 
 from driveline.estimators import ESTIMATORS
 from driveline.model import Model
@@ -47,6 +49,11 @@ _IMPORT = re.compile(rb"^(\s*(?:from|import)\s+)(driveline|fmus|pythonfmu)\b", r
 # PythonFMU 0.7 runs a slave script once more at every load and then gives back one reference to its
 # namespace too many: after some loads the process would die. Lend one for each.
 _LEND_NAMESPACE = b'\nglobals().setdefault("_lent", []).append(globals())\n'
+# Its Linux library gives its state back twice where the host exits with the library loaded: once as every
+# global object, once more in this function, which the loader calls after that. The second time counts down in
+# memory that is no longer its own, and glibc may end the process ("corrupted double-linked list").
+_RELEASED_AGAIN = "finalizePythonInterpreter"
+_ENDBR64, _RET = b"\xf3\x0f\x1e\xfa", b"\xc3"
 
 
 def _payload_files(payload: Path, libraries: Iterable[Path]) -> dict[str, bytes]:
@@ -90,10 +97,27 @@ def _marked_packages(files: Mapping[str, bytes], mark: str) -> dict[str, bytes]:
     return marked
 
 
+def released_once(library: bytes) -> bytes:
+    """PythonFMU's library for Linux (x86-64), with the second release of its state made an empty function.
+
+    Raises:
+        InputError: The function is not there, or does not begin as it does in PythonFMU 0.7.
+    """
+    with ELFFile(io.BytesIO(library)) as elf:
+        found = elf.get_section_by_name(".dynsym").get_symbol_by_name(_RELEASED_AGAIN) or ()
+        begins = [next(elf.address_offsets(symbol["st_value"])) for symbol in found]
+    if len(begins) != 1 or library[begins[0]:][:len(_ENDBR64)] != _ENDBR64:
+        raise InputError(f"PythonFMU {metadata.version('pythonfmu')}: its Linux library is not the one of 0.7 that "
+                         "this project knows; see released_once in fmus/packaging.py")
+    at = begins[0] + len(_ENDBR64)
+    return library[:at] + _RET + library[at + 1:]
+
+
 def _binaries(identifier: str) -> dict[str, bytes]:
     folder = Path(pythonfmu.__file__).parent / "resources" / "binaries"
     return {
-        f"binaries/{path.parent.name}/{identifier}{path.suffix}": path.read_bytes()
+        f"binaries/{path.parent.name}/{identifier}{path.suffix}":
+            released_once(path.read_bytes()) if path.parent.name == "linux64" else path.read_bytes()
         for path in sorted(folder.rglob("*")) if path.suffix in (".so", ".dll", ".dylib")
     }
 

@@ -9,11 +9,12 @@ from pathlib import Path
 
 import fmpy
 import pytest
+import pythonfmu
 from fmpy.validation import validate_fmu
 from lxml import etree
 
 from driveline.quantities import InputError
-from fmus.packaging import FMUS, HERE, build, write_fmu
+from fmus.packaging import FMUS, HERE, build, released_once, write_fmu
 
 
 def digest(path):
@@ -148,6 +149,24 @@ def test_it_needs_numpy_alone_and_lies_anywhere(toy, other_toy, tmp_path, folder
     place.mkdir()
     paths = [shutil.copy(each.fmu, place / f"{i}.fmu") for i, each in enumerate((toy, other_toy, toy))]
     assert simulate_with_numpy_alone(*paths).count("6 points") == 3
+
+
+def test_the_state_of_the_linux_library_is_released_once(toy):
+    """One instruction differs from PythonFMU's: the function that releases it again returns at once."""
+    theirs = (Path(pythonfmu.__file__).parent / "resources/binaries/linux64/libpythonfmu-export.so").read_bytes()
+    with zipfile.ZipFile(toy.fmu) as archive:
+        ours = archive.read("binaries/linux64/toy.so")
+    assert len(ours) == len(theirs)
+    (changed,) = [at for at, pair in enumerate(zip(theirs, ours)) if pair[0] != pair[1]]
+    assert ours[changed] == 0xC3  # ret
+    assert released_once(theirs) == ours == released_once(ours)
+
+
+def test_another_linux_library_is_refused(toy):
+    with zipfile.ZipFile(toy.fmu) as archive:
+        library = archive.read("binaries/linux64/toy.so")
+    with pytest.raises(InputError, match="not the one of 0.7"):
+        released_once(library.replace(b"finalizePythonInterpreter", b"finalizeAnotherThing_____"))
 
 
 def test_only_what_is_needed_is_inside(toy):
