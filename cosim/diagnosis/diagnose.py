@@ -15,7 +15,9 @@ import numpy as np
 
 from cosim.diagnosis import extend, proposal
 from cosim.diagnosis.catalogue import CATALOGUE
-from cosim.diagnosis.identify import Fit, Identification, Search
+from cosim.diagnosis.evidence import Layout
+from cosim.diagnosis.fitting import Fit
+from cosim.diagnosis.identify import Identification, Search
 from cosim.diagnosis.inverse import diagnose_inverse
 from cosim.diagnosis.localise import SHAFT_TORQUE, disturbances, goes_with
 from cosim.diagnosis.noise import Noise
@@ -233,7 +235,7 @@ def _finding(predictor: Predictor, found: Identification) -> dict[str, Any]:
 
 def _parameters(predictor: Predictor, fit: Fit, effect: str) -> dict[str, dict[str, Any]]:
     """The numbers of an effect as a fit has them, with 90 % intervals."""
-    shared = {i: k for k, i in enumerate(j for j, c in enumerate(predictor.coordinates) if not c.nuisance)}
+    shared = {int(i): k for k, i in enumerate(Layout(predictor.coordinates, 0).shared)}
     deviations = np.sqrt(np.diag(fit.posterior.covariance))
     result: dict[str, dict[str, Any]] = {}
     for i, c in enumerate(predictor.coordinates):

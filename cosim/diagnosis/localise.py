@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from cosim.diagnosis.identify import Fit
+from cosim.diagnosis.fitting import Fit
 from cosim.diagnosis.noise import Noise
 from cosim.diagnosis.plants import STEP, Run
 from cosim.diagnosis.plants.car import PUSHED

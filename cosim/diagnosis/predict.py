@@ -256,14 +256,10 @@ class Predictor:
         """
         jobs: list[tuple[np.ndarray, int]] = []
         places: list[tuple[int, int, float]] = []
+        result = {run: np.zeros((predicted[run].size, len(wanted)), dtype=np.float32)
+                  for run, wanted in columns.items()}
         for run, wanted in columns.items():
             u = points[run]
-            row = [i for i in wanted if self.coordinates[i].name == WANDERS]
-            for first in range(TEETH if row else 0):
-                moved = u.copy()
-                moved[row] += WANDER * comb(len(row), first)
-                jobs.append((moved, run))
-                places.append((run, -1 - first, WANDER))
             # what only instruments feel needs no new simulation: side by side they share one
             for place in sorted(range(len(wanted)), key=lambda k: not _instrument(self.coordinates[wanted[k]])):
                 c = self.coordinates[wanted[place]]
@@ -274,18 +270,26 @@ class Predictor:
                 moved[wanted[place]] += step
                 jobs.append((moved, run))
                 places.append((run, place, step))
-        result = {run: np.zeros((predicted[run].size, len(wanted)), dtype=np.float32)
-                  for run, wanted in columns.items()}
         for (run, place, step), y in zip(places, self.many(jobs)):
-            if y is None:
-                continue
-            change = (y - predicted[run]) / step
-            if place >= 0:
-                result[run][:, place] = change
-            else:
-                row = [k for k, i in enumerate(columns[run]) if self.coordinates[i].name == WANDERS]
-                result[run][:, row] += parted(self.runs[run], -1 - place, change)
+            if y is not None:
+                result[run][:, place] = (y - predicted[run]) / step
+        self._add_hats(result, points, predicted, columns)
         return list(result.values())
+
+    def _add_hats(self, result: Mapping[int, np.ndarray], points: Sequence[np.ndarray],
+                  predicted: Sequence[np.ndarray], columns: Mapping[int, Sequence[int]]) -> None:
+        """Put the derivatives by the heights of the hats into their columns of ``result``, a comb a simulation."""
+        rows = {run: [k for k, i in enumerate(wanted) if self.coordinates[i].name == WANDERS]
+                for run, wanted in columns.items()}
+        combs = [(run, first) for run, row in rows.items() for first in range(TEETH if row else 0)]
+        jobs = []
+        for run, first in combs:
+            moved = points[run].copy()
+            moved[[columns[run][k] for k in rows[run]]] += WANDER * comb(len(rows[run]), first)
+            jobs.append((moved, run))
+        for (run, first), y in zip(combs, self.many(jobs)):
+            if y is not None:
+                result[run][:, rows[run]] += parted(self.runs[run], first, (y - predicted[run]) / WANDER)
 
     def strays(self, points: Sequence[np.ndarray], predicted: Sequence[np.ndarray], count: int) -> list[np.ndarray]:
         """Of each run, how far every sample strays as the torque wanders faster than hats can follow: draws x

@@ -10,7 +10,7 @@ import numpy as np
 
 from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.evidence import HETEROGENEITY
-from cosim.diagnosis.identify import Fit
+from cosim.diagnosis.fitting import Fit
 from cosim.diagnosis.noise import Noise
 from cosim.diagnosis.plants import SETTLE, STEP, FullOrderCar, Nuisance, Run
 from cosim.diagnosis.plants.car import ANCHORS

@@ -1,10 +1,13 @@
 """The search on plants of a few lines, whose landscapes are known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from cosim.diagnosis.effect import factor
-from cosim.diagnosis.identify import SMALLEST, Fit, Search, Tangent
+from cosim.diagnosis.fitting import Tangent
+from cosim.diagnosis.identify import SMALLEST, Search
 from cosim.diagnosis.noise import Noise
 from cosim.diagnosis.plants import Run
 from cosim.diagnosis.predict import Coordinate, Predictor
@@ -64,12 +67,8 @@ def test_a_cause_beyond_a_local_minimum_is_found():
     """More than half a period away, a fit from the file ends up a period off."""
     search, result = found({"phase": 0.5})
     assert result.best.causes == ("phase",) and result.best.shared[0] == pytest.approx(0.5, abs=0.02)
-    zero = np.zeros(len(search.coordinates))
-    points = [zero.copy() for _ in range(RUNS)]
-    predicted = search.predictor.all_runs(points)
-    jacobians = search.predictor.jacobian(points, predicted, dict(enumerate(search.layout.columns)))
-    start = Fit(("phase",), zero, points, predicted, [Tangent(j) for j in jacobians])
-    started = search.assess(search.refine(start, result.noise), result.noise)
+    start = replace(search.fitter.nominal(), causes=("phase",))
+    started = search.fitter.assess(search.fitter.refine(start, result.noise), result.noise)
     assert started.score < result.best.score - 20.0
 
 
@@ -105,7 +104,7 @@ def test_a_run_that_nothing_explains_counts_for_less():
     plant.runs[1].measured["engine_speed"][:] += 0.5 * np.sign(np.sin(2.0 * np.pi * 3.7 * CLOCK))
     search = Search(plant, lambda text: None)
     result = search.run()
-    plain = search.noise(result.best)
+    plain = search.fitter.noise(result.best)
     scales = [np.median(result.noise.scales[r] / plain.scales[r]) for r in range(RUNS)]
     assert scales[0] == pytest.approx(1.0, abs=0.2) and scales[1] > 1.5
     assert result.best.causes == ("size",)

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cosim.diagnosis.fitting import Fit
 from cosim.diagnosis.hidden import hide
-from cosim.diagnosis.identify import Fit
 from cosim.diagnosis.localise import PUSH, disturbances, goes_with
 from cosim.diagnosis.noise import Noise
 from cosim.diagnosis.plants import FullOrderCar, Nuisance

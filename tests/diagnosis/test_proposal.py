@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from cosim.diagnosis import proposal
+from cosim.diagnosis.fitting import Fit
 from cosim.diagnosis.hidden import hide
-from cosim.diagnosis.identify import Fit
 from cosim.diagnosis.noise import floors
 from cosim.diagnosis.plants import FullOrderCar
 from cosim.diagnosis.predict import Predictor, coordinates

@@ -1,0 +1,265 @@
+"""One supposition fitted to all runs: Gauss-Newton on simulations, with derivatives that follow the steps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from cosim.diagnosis.evidence import Evidence, Layout, Posterior, Slopes, prior
+from cosim.diagnosis.noise import Noise
+from cosim.diagnosis.predict import Predictor
+
+FIRST, FURTHER = -8.0, -25.0  # log odds that a given effect is there, as the first and beside others
+SECOND_PARAMETER = -3.0  # and that a second parameter of an effect is off as well
+_ENSEMBLE = 8  # simulations with a wandering torque
+_SETTLED = 1.0  # log evidence that a fit with new derivatives may still gain
+_BENT = 2.0  # squared distance [sigma] between a run and its tangent at which derivatives are renewed
+_JUDGED = 2.0  # power of the heavy tail where suppositions are compared
+_ROUNDS = 3  # of new derivatives for a fit
+
+
+@dataclass(frozen=True)
+class Tangent:
+    """The derivatives of a run's stacked channels by the coordinates it depends on.
+
+    Attributes:
+        jacobian: Samples x ``Layout.columns`` of the run.
+        bent: What moves since they were taken have shown beyond them: squared distance [sigma].
+    """
+
+    jacobian: np.ndarray = field(repr=False)
+    bent: float = 0.0
+
+    def moved(self, step: np.ndarray, change: np.ndarray, scale: np.ndarray, noise: Noise, run: int) -> Tangent:
+        """After a step that changed the prediction: derivatives corrected along the step (Broyden 1965).
+
+        Args:
+            step: Of these coordinates, which have sizes ``scale``.
+            change: Of the stacked channels.
+        """
+        direction = step / scale**2
+        length = float(step @ direction)
+        if length == 0.0:
+            return self
+        missed = change - self.jacobian @ step
+        bent = self.bent + float(np.sum(noise.whiten(run, missed) ** 2))
+        return Tangent(self.jacobian + np.outer(missed, direction / length).astype(np.float32), bent)
+
+
+@dataclass
+class Fit:
+    """A supposition fitted to all runs.
+
+    Attributes:
+        causes: The causes it has.
+        shared: Most probable coordinates; those of single runs are 0.
+        points: The coordinates of each run: what is shared and deviations from it, and its own.
+        predicted: Stacked channels of each run.
+        tangents: Of each run.
+        posterior: Belief about the shared coordinates under the noise of the comparison.
+        score: Log evidence and log prior under it.
+        settled: Whether derivatives of its own gained nothing more.
+    """
+
+    causes: tuple[str, ...]
+    shared: np.ndarray
+    points: list[np.ndarray]
+    predicted: list[np.ndarray] = field(repr=False)
+    tangents: list[Tangent] = field(repr=False)
+    posterior: Posterior | None = field(default=None, repr=False)
+    score: float = -np.inf
+    settled: bool = False
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """The effects of the catalogue that its causes belong to."""
+        return tuple(dict.fromkeys(cause.partition(":")[0] for cause in self.causes))
+
+class Fitter:
+    """Fits suppositions to the runs of a predictor, and says how evident they are.
+
+    Args:
+        predictor: Over all runs.
+    """
+
+    def __init__(self, predictor: Predictor) -> None:
+        self.predictor, self.coordinates = predictor, predictor.coordinates
+        self.layout = Layout(self.coordinates, len(predictor.runs))
+        self.measured = [run.stacked for run in predictor.runs]
+        self.low = np.array([c.low for c in self.coordinates])
+        self.high = np.array([c.high for c in self.coordinates])
+        self.scale = np.array([c.tolerance for c in self.coordinates])
+        self.numbers = {i for i, c in enumerate(self.coordinates) if c.run is None and not c.effect}
+
+    def nominal(self) -> Fit:
+        """The vehicle file as it is, with derivatives by everything.
+
+        Raises:
+            ArithmeticError: It cannot be simulated.
+        """
+        zero = np.zeros(len(self.coordinates))
+        points = [zero.copy() for _ in self.measured]
+        predicted = self.predictor.all_runs(points)
+        if predicted is None:
+            raise ArithmeticError("the plant of the vehicle file cannot be simulated with these inputs")
+        tangents = self.predictor.jacobian(points, predicted, dict(enumerate(self.layout.columns)))
+        return Fit((), zero, points, predicted, [Tangent(jacobian) for jacobian in tangents])
+
+    def residuals(self, predicted: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """Measured minus predicted of every run."""
+        return [y - p for y, p in zip(self.measured, predicted)]
+
+    def noise(self, fit: Fit) -> Noise:
+        """What is left of the residuals where a fitted supposition is right."""
+        return Noise(self.predictor.runs, self.predictor.strays(fit.points, fit.predicted, _ENSEMBLE))
+
+    def judging(self, fit: Fit, noise: Noise) -> tuple[Noise, float]:
+        """A noise as it is where a fitted supposition is compared with others, and what it costs of the evidence."""
+        return noise.heavy(self.residuals(fit.predicted), _JUDGED)
+
+    def assess(self, fit: Fit, noise: Noise) -> Fit:
+        """Evidence of a fitted supposition under a noise."""
+        noise, cost = self.judging(fit, noise)
+        fit.posterior = self.seen(fit, noise).posterior(prior(self.coordinates, fit.causes))
+        fit.score = fit.posterior.log_evidence - cost + log_prior(fit.causes)
+        return fit
+
+    def seen(self, fit: Fit, noise: Noise) -> Evidence:
+        """What the runs say at the points of a fit."""
+        seen = []
+        for r, (tangent, point) in enumerate(zip(fit.tangents, fit.points)):
+            slopes = Slopes(self.layout, r, noise.whiten(r, tangent.jacobian))
+            seen.append(slopes.seen(noise.whiten(r, self.measured[r] - fit.predicted[r]), point))
+        return Evidence(seen)
+
+    def run_cost(self, noise: Noise, run: int, predicted: np.ndarray | None, shared: np.ndarray,
+                 point: np.ndarray) -> float:
+        """A run's part of minus twice the log posterior density."""
+        if predicted is None:
+            return np.inf
+        layout = self.layout
+        own = point[layout.own[run]]
+        loose = layout.deviation > 0.0
+        apart = (point - shared)[layout.shared][loose] / layout.deviation[loose]
+        return (float(np.sum(noise.whiten(run, self.measured[run] - predicted) ** 2))
+                + float(own @ layout.precision[run] @ own) + float(apart @ apart))
+
+    def cost(self, noise: Noise, fit: Fit) -> float:
+        """Minus twice the log posterior density of a fit's coordinates, up to a constant."""
+        return self._prior_cost(fit.shared, fit.causes) + sum(
+            self.run_cost(noise, r, predicted, fit.shared, point)
+            for r, (predicted, point) in enumerate(zip(fit.predicted, fit.points)))
+
+    def _prior_cost(self, shared: np.ndarray, causes: tuple[str, ...]) -> float:
+        spread = prior(self.coordinates, causes)[self.layout.shared]
+        return float(np.sum((shared[self.layout.shared] / spread) ** 2))
+
+    def most_probable(self, evidence: Evidence, causes: tuple[str, ...]) -> tuple[np.ndarray, list[np.ndarray]]:
+        """What is shared, and the coordinates of each run, by what linearised runs say; within what is plausible."""
+        shared = np.zeros(len(self.coordinates))
+        shared[self.layout.shared] = evidence.posterior(prior(self.coordinates, causes)).mean
+        shared = np.clip(shared, self.low, self.high)
+        return shared, [np.clip(seen.point(shared[self.layout.shared]), self.low, self.high)
+                        for seen in evidence.seen]
+
+    def refine(self, fit: Fit, noise: Noise, iterations: int = 12) -> Fit:
+        """Most probable coordinates, by Gauss-Newton with derivatives that follow the steps."""
+        for _ in range(iterations):
+            heavy, _ = noise.heavy(self.residuals(fit.predicted))
+            evidence = self.seen(fit, heavy)
+            best, goals = self.most_probable(evidence, fit.causes)
+            now, gained = self.cost(heavy, fit), 0.0
+            for share in (1.0, 0.3, 0.1):
+                moved = self._moved(fit, heavy, fit.shared + share * (best - fit.shared), goals, share)
+                gained = now - self.cost(heavy, moved)
+                if gained > 0.0:
+                    break
+            if gained <= 0.0:
+                break
+            fit = moved
+            if gained < _SETTLED:
+                break
+        return fit
+
+    def _moved(self, fit: Fit, noise: Noise, shared: np.ndarray, goals: Sequence[np.ndarray],
+               share: float) -> Fit:
+        """Shared coordinates moved, and each run towards its goal as far as that is better than to stay."""
+        runs = range(len(goals))
+        points, predicted, tangents = list(fit.points), list(fit.predicted), list(fit.tangents)
+        staying = [self.run_cost(noise, r, predicted[r], shared, points[r]) for r in runs]
+        waiting = list(runs)
+        for part in (share, 0.3 * share, 0.1 * share):
+            tries = {r: fit.points[r] + part * (goals[r] - fit.points[r]) for r in waiting}
+            found = self.predictor.many([(point, r) for r, point in tries.items()])
+            for (r, point), y in zip(tries.items(), found):
+                if y is None:
+                    continue
+                # even where nothing is gained something is learnt
+                learnt = self._bent(tangents[r], point - fit.points[r], y - fit.predicted[r], noise, r)
+                tangents[r] = Tangent(learnt.jacobian, tangents[r].bent)
+                if self.run_cost(noise, r, y, shared, point) < staying[r]:
+                    tangents[r] = learnt
+                    points[r], predicted[r] = point, y
+                    waiting.remove(r)
+            if not waiting:
+                break
+        shared = shared.copy()
+        for i, c in enumerate(self.coordinates):
+            if c.run is not None and c.effect:  # shared in name only
+                shared[i] = points[c.run][i]
+        return Fit(fit.causes, shared, points, predicted, tangents)
+
+    def _bent(self, tangent: Tangent, step: np.ndarray, change: np.ndarray, noise: Noise, run: int) -> Tangent:
+        columns = self.layout.columns[run]
+        return tangent.moved(step[columns], change, self.scale[columns], noise, run)
+
+    def relinearise(self, fit: Fit, everything: bool = True) -> Fit:
+        """Renew the derivatives of runs that have left their tangents.
+
+        Args:
+            fit: Where.
+            everything: By all coordinates but the file's numbers; or only by its causes and the runs' own.
+        """
+        needed = {int(i) for own in self.layout.own for i in own}
+        needed.update(i for cause in fit.causes for i in self.predictor.index(cause))
+        tangents = list(fit.tangents)
+        wanted = {r: [int(i) for i in self.layout.columns[r]
+                      if (i not in self.numbers if everything else i in needed)]
+                  for r, tangent in enumerate(tangents) if tangent.bent > _BENT}
+        for (r, renewed), part in zip(wanted.items(), self.predictor.jacobian(fit.points, fit.predicted, wanted)):
+            jacobian = tangents[r].jacobian.copy()
+            jacobian[:, np.isin(self.layout.columns[r], renewed)] = part
+            tangents[r] = Tangent(jacobian, 0.0 if everything else tangents[r].bent)
+        return Fit(fit.causes, fit.shared, fit.points, fit.predicted, tangents)
+
+    def renewed(self, fit: Fit, noise: Noise, everything: bool = True) -> Fit:
+        """Refined with derivatives of its own; settled where they gained no more."""
+        was = fit.score
+        fit = self.assess(self.refine(self.relinearise(fit, everything), noise), noise)
+        fit.settled = everything and fit.score - was < _SETTLED
+        return fit
+
+    def settle(self, fit: Fit, noise: Noise) -> Fit:
+        """Refined with derivatives of its own until they gain no more, at most ``_ROUNDS`` times."""
+        for _ in range(_ROUNDS):
+            if fit.settled:
+                break
+            fit = self.renewed(fit, noise)
+        fit.settled = True
+        return fit
+
+    def placed(self, fit: Fit, causes: tuple[str, ...], shared: np.ndarray, points: list[np.ndarray]) -> Fit | None:
+        """A supposition elsewhere, with the derivatives of ``fit``; None where that cannot be simulated."""
+        predicted = self.predictor.all_runs(points)
+        if predicted is None:
+            return None
+        return Fit(causes, shared, points, predicted, [Tangent(t.jacobian, np.inf) for t in fit.tangents])
+
+
+def log_prior(causes: Iterable[str]) -> float:
+    """Log odds of a set of causes before anything was measured."""
+    causes = list(causes)
+    count = len({cause.partition(":")[0] for cause in causes})
+    return FIRST * min(count, 1) + FURTHER * max(count - 1, 0) + SECOND_PARAMETER * (len(causes) - count)
