@@ -5,8 +5,8 @@ How a finding is read:
 - *first*: the first of ``causes``; nothing is first where the verdict is ``none`` or ``unknown``, or where the
   diagnosis failed. A pair is right first if its two effects are the first two.
 - *stated*: all of ``causes`` and of ``ambiguous_with``.
-- *named*: the first, and what is there beside it. Effects of one supposition share its probability, so a cause
-  counts with a quarter or more, unless it is stated as what may be there instead.
+- *named*: what explains it together, as ``together`` says; the first, where a method does not say that. Such effects
+  divide their probability.
 - *confidently wrong*: ``cause`` as the verdict, what is named has 80 % or more together, and not all of it is there.
 - errors of parameters are those of hidden ones whose effect is among the named: |found/true - 1| of a factor,
   |found - true|/|true| of a shift. Intervals are asked of every parameter of such an effect.
@@ -25,7 +25,7 @@ from scipy.stats import binomtest, quantile_test
 from cosim.diagnosis.catalogue import CATALOGUE
 
 Result = Mapping[str, Any]
-SURE, BESIDE = 0.8, 0.25
+SURE = 0.8
 INERTIAS = {"engine_inertia", "wheel_inertia", "vehicle_mass"}
 STIFFNESSES = {"shaft_stiffness", "tyre_stiffness", "two_stage_stiffness", "suspension_mode"}
 CATALOGUED, NOTHING = ("single", "pair"), ("null", "strange")
@@ -60,12 +60,8 @@ def stated(finding: Mapping[str, Any] | None) -> set[str]:
 
 
 def named(finding: Mapping[str, Any] | None) -> list[str]:
-    """The first cause, and what is there beside it."""
-    if not listed(finding):
-        return []
-    instead = {e for entry in finding["ambiguous_with"] for e in entry["effects"]}
-    return [cause["effect"] for i, cause in enumerate(finding["causes"])
-            if i == 0 or cause["effect"] not in instead and cause["probability"] >= BESIDE]
+    """What explains it together; none where the verdict names none."""
+    return finding.get("together", listed(finding)[:1]) if listed(finding) else []
 
 
 def found_sizes(finding: Mapping[str, Any]) -> dict[str, tuple[dict[str, float], ...]]:

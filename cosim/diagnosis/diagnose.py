@@ -31,7 +31,9 @@ from cosim.measured import Measurement, load
 log = logging.getLogger("cosim")
 LIKELY = 0.05  # causes less probable are not listed
 APART = 3.0  # sigma: rivals closer than this cannot be told from the best
-STRANGE = 0.16  # mean logarithm of what is left over what should be: more, and the catalogue does not explain it
+# Of the logarithm of what is left over what should be, root mean square over the runs: more, and the catalogue does
+# not explain it. A run of which something is missing weighs more than a little in each.
+STRANGE = 0.15
 SOMETHING_ELSE = 0.03  # probability that is left for what nobody thought of
 _TEMPER = 8.0  # of differences in evidence: fits end in one of many minima, and those differ by more than noise
 _DRAWS = 30  # healthy cars
@@ -208,7 +210,8 @@ def _finding(predictor: Predictor, found: Identification) -> dict[str, Any]:
     shares = _probabilities(found, CATALOGUE)
     rivals = _rivals(found)
     left = [run.stacked - y for run, y in zip(predictor.runs, best.predicted)]
-    strange = float(np.mean([share for run in found.noise.excess(left) for share in run.values()])) > STRANGE
+    excess = [np.mean(list(run.values())) for run in found.noise.excess(left)]
+    strange = float(np.sqrt(np.mean(np.square(excess)))) > STRANGE
     causes = []
     for effect in sorted(best.effects, key=lambda e: -shares[e]):
         causes.append({"effect": effect, "probability": shares[effect],
@@ -227,7 +230,7 @@ def _finding(predictor: Predictor, found: Identification) -> dict[str, Any]:
     else:
         verdict = "ambiguous" if rivals else "cause"
     return {
-        "verdict": verdict, "wrong": [], "causes": causes,
+        "verdict": verdict, "wrong": [], "causes": causes, "together": [*best.effects],
         "ambiguous_with": [{"effects": sorted(set(fit.effects) - set(best.effects)), "separation_sigma": distance}
                            for fit, distance in rivals] if verdict == "ambiguous" else [],
         "next_manoeuvre": None, "unknown": None, "extension": None, "gain": None}

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -32,10 +32,11 @@ _SCANNED = 12  # probes that are fitted
 # where another cause stands for the true one its run is bent about it, and that is worth more than noise.
 _PROMISING, _SWAPPED = 25.0, 400.0
 _STARTED = 20  # suppositions that are simulated where the leader's tangents place them
-_SHORTLIST = 6  # of which are fitted
+_SHORTLIST, _SHORTLIST_PLAIN = 6, 3  # of which are fitted; the latter as if no run were doubtful
 _RIVAL, _RIVALS = 12.0, 4  # log evidence below the leader at which a rival gets derivatives of its own; how many
 _UNEXPLAINED = 40.0  # of minus twice the log likelihood of a run: leaves half of what it says
-_TURNS = 8  # steps of the search, at most
+_DOUBTS_ALIKE = 1.2  # ratio of temperatures below which they are the same
+_TURNS = 30  # steps of the search, at most; some three a cause
 _KEPT = 24  # fits
 
 Pool = dict[tuple[str, ...], Fit]  # what was fitted so far, by its causes
@@ -69,21 +70,8 @@ class Search:
     def __init__(self, predictor: Predictor, say: Callable[[str], None] = log.info) -> None:
         self.predictor, self.fitter, self.say = predictor, Fitter(predictor), say
         self.coordinates = predictor.coordinates
+        self.pool: Pool = {}
         self.causes = list(dict.fromkeys(c.cause for c in self.coordinates if c.cause))
-
-    def doubted(self, noise: Noise, pool: Pool) -> Noise:
-        """A noise under which a run counts for less that no supposition explains.
-
-        Then its fits are in one minimum or another, and which of them is best is luck.
-        """
-        costs = []
-        for fit in pool.values():
-            heavy, _ = noise.heavy(self.fitter.residuals(fit.predicted))
-            costs.append([self.fitter.run_cost(heavy, r, predicted, fit.shared, point)
-                          for r, (predicted, point) in enumerate(zip(fit.predicted, fit.points))])
-        sizes = np.array([run.stacked.size for run in self.predictor.runs])
-        unexplained = np.min(costs, axis=0) - sizes - np.sqrt(2.0 * sizes)  # chi square, one sigma above
-        return noise.tempered(1.0 + np.maximum(unexplained, 0.0) / _UNEXPLAINED)
 
     def worth(self, fit: Fit) -> bool:
         """Whether all its causes are large enough to be some."""
@@ -163,103 +151,135 @@ class Search:
 
     def run(self) -> Identification:
         """Whoever leads gets derivatives of its own and is challenged from there, until nobody takes the lead."""
-        pool, noise = self._opened()
-        judged = pool[()]  # whose noise it is
+        self._open()
         for _ in range(_TURNS):
-            leader = self._worthy(pool)[0]
+            leader = self.worthy()[0]
             if not leader.settled:
-                pool[leader.causes] = self.fitter.settle(leader, noise)
-            elif leader.causes != judged.causes:
-                judged, noise = leader, self.doubted(self.fitter.noise(leader), pool)
-                for fit in pool.values():
-                    self.fitter.assess(fit, noise)
-            elif not self._challenged(leader, noise, pool):
+                self.pool[leader.causes] = self.fitter.settle(leader, self.noise)
+            elif leader.causes != self.judged:
+                self._judge(leader)
+            elif not self._challenge(leader):
                 break
-        leader, *others = self._worthy(pool)
-        return Identification(leader, [leader, *others], pool[()], noise)
+        leader, *others = self.worthy()
+        return Identification(leader, [leader, *others], self.pool[()], self.noise)
 
-    def _opened(self) -> tuple[Pool, Noise]:
+    def worthy(self) -> list[Fit]:
+        """The suppositions whose causes are large enough to be some, the likeliest first."""
+        return [fit for fit in self._ranked() if self.worth(fit)]
+
+    def _ranked(self) -> list[Fit]:
+        return sorted(self.pool.values(), key=lambda fit: -fit.score)
+
+    def _enter(self, fits: Iterable[Fit]) -> None:
+        """Take in suppositions that are new, or fitted better than before; let go of the least likely."""
+        for fit in fits:
+            if fit.causes not in self.pool or fit.score > self.pool[fit.causes].score:
+                self.pool[fit.causes] = fit
+        for fit in self._ranked()[_KEPT:]:  # each holds all its derivatives
+            if fit.causes:
+                del self.pool[fit.causes]
+
+    def _judge(self, leader: Fit) -> None:
+        """Compare under the noise of another leader."""
+        self.judged, self.plain = leader.causes, self.fitter.noise(leader)
+        self.noise = self.doubted()
+        for fit in self.pool.values():
+            self.fitter.assess(fit, self.noise)
+
+    def doubted(self) -> Noise:
+        """The leader's noise, but a run counts for less that no supposition explains.
+
+        Then its fits are in one minimum or another, and which of them is best is luck.
+        """
+        costs = []
+        for fit in self.pool.values():
+            heavy, _ = self.plain.heavy(self.fitter.residuals(fit.predicted))
+            costs.append([self.fitter.run_cost(heavy, r, predicted, fit.shared, point)
+                          for r, (predicted, point) in enumerate(zip(fit.predicted, fit.points))])
+        sizes = np.array([run.stacked.size for run in self.predictor.runs])
+        unexplained = np.min(costs, axis=0) - sizes - np.sqrt(2.0 * sizes)  # chi square, one sigma above
+        return self.plain.tempered(1.0 + np.maximum(unexplained, 0.0) / _UNEXPLAINED)
+
+    def _doubt_again(self) -> None:
+        """What came into the pool may explain a run that nothing did before."""
+        noise = self.doubted()
+        change = noise.temperatures / self.noise.temperatures
+        if max(change.max(), 1.0 / change.min()) > _DOUBTS_ALIKE:
+            self.noise = noise
+            for fit in self.pool.values():
+                self.fitter.assess(fit, noise)
+
+    def _open(self) -> None:
         """No cause, and every cause alone, as far as they are worth a fit; and a noise for them."""
         self.say(f"sensitivities to {len(self.coordinates)} parameters over {len(self.predictor.runs)} runs")
         start = self.fitter.nominal()
-        noise = self.fitter.noise(start)
-        pool = {(): self.fitter.assess(self.fitter.refine(start, noise, 5), noise)}
+        self.judged, self.plain = (), self.fitter.noise(start)
+        self.noise = self.plain
+        self._enter([self.fitter.assess(self.fitter.refine(start, self.noise, 5), self.noise)])
         self.say("every cause alone, at several sizes")
-        _enter(pool, self._scanned(start, noise))
-        for fit in _ranked(pool)[:_RIVALS]:
-            pool[fit.causes] = self.fitter.renewed(fit, noise, everything=False)
-        noise = self.doubted(noise, pool)
-        for fit in pool.values():
-            self.fitter.assess(fit, noise)
-        return pool, noise
+        self._enter(self._scanned(start))
+        for fit in self._ranked()[:_RIVALS]:
+            self.pool[fit.causes] = self.fitter.renewed(fit, self.noise, everything=False)
+        self._doubt_again()
 
-    def _challenged(self, leader: Fit, noise: Noise, pool: Pool) -> bool:
-        """Let others take the lead if they can; whether any came close enough to be settled."""
+    def _challenge(self, leader: Fit) -> bool:
+        """Let others take the lead if they can; whether any came close enough to be settled, or leads."""
         self.say("; ".join(f"{'+'.join(fit.causes) or 'healthy'} {fit.score - leader.score:+.0f}"
-                           for fit in self._worthy(pool)[:4]))
-        challengers, hopes = self._challengers(leader, noise, pool)
-        _enter(pool, challengers)
+                           for fit in self.worthy()[:4]))
+        hopes = self._challengers(leader, self.noise, _SHORTLIST)
+        if self.noise.temperatures.max() > _DOUBTS_ALIKE:  # what it would take to explain the doubtful runs as well
+            self._challengers(leader, self.plain, _SHORTLIST_PLAIN)
+        self._doubt_again()
         # what the derivatives promise counts as well: a fit that fell short of it is in another minimum
-        behind = {fit.causes: leader.score - fit.score for fit in pool.values()}
+        behind = {fit.causes: leader.score - fit.score for fit in self.pool.values()}
         behind |= {s: min(behind[s], -hope) for s, hope in hopes.items() if s in behind}
-        close = [fit for fit in self._worthy(pool) if not fit.settled and behind[fit.causes] < _RIVAL]
+        close = [fit for fit in self.worthy() if not fit.settled and behind[fit.causes] < _RIVAL]
         for fit in sorted(close, key=lambda fit: behind[fit.causes])[:_RIVALS]:
-            pool[fit.causes] = self.fitter.settle(fit, noise)
-        return bool(close)
+            self.pool[fit.causes] = self.fitter.settle(fit, self.noise)
+        return bool(close) or self.worthy()[0] is not leader
 
-    def _worthy(self, pool: Pool) -> list[Fit]:
-        """The suppositions whose causes are large enough to be some, the likeliest first."""
-        return [fit for fit in _ranked(pool) if self.worth(fit)]
-
-    def _scanned(self, start: Fit, noise: Noise) -> list[Fit]:
+    def _scanned(self, start: Fit) -> list[Fit]:
         """Every cause alone, fitted from where it explains most at once.
 
         A fit that begins without a cause that is there bends everything else towards what is missing, and meets
         flanks that are not the right ones.
         """
-        points = [self.fitter.assess(probe, noise) for probe in self.probes(start, everything=True)]
+        points = [self.fitter.assess(probe, self.noise) for probe in self.probes(start, everything=True)]
         chosen: list[Fit] = []
         for probe in sorted(points, key=lambda fit: -fit.score):
             if sum(fit.causes == probe.causes for fit in chosen) < 2:
                 chosen.append(probe)
-        return [self.fitter.assess(self.fitter.refine(fit, noise, 3), noise) for fit in chosen[:_SCANNED]]
+        return [self._refined(fit, self.noise) for fit in chosen[:_SCANNED]]
 
-    def _challengers(self, leader: Fit, noise: Noise,
-                     pool: Pool) -> tuple[list[Fit], dict[tuple[str, ...], float]]:
-        """What may explain more than the leader does, fitted with its derivatives; and what these promised."""
+    def _refined(self, fit: Fit, noise: Noise) -> Fit:
+        return self.fitter.assess(self.fitter.refine(fit, noise, 3), self.noise)
+
+    def _challengers(self, leader: Fit, noise: Noise, count: int) -> dict[tuple[str, ...], float]:
+        """Put into the pool what may explain more than the leader does under a noise; returns what was promised.
+
+        Fitted with the derivatives of the leader, which say which these are.
+        """
         evidence = self.fitter.seen(leader, self.fitter.judging(leader, noise)[0])
         promising = {s: lead for lead, s in self.candidates(leader, evidence)
                      if lead > -(_PROMISING if len(s) > len(leader.causes) else _SWAPPED)
-                     and not (s in pool and pool[s].settled)}
+                     and not (s in self.pool and self.pool[s].settled)}
+        own = self.fitter.assess(replace(leader), noise).score
         starts = [self.fitter.assess(self.start(leader, s, evidence), noise) for s in list(promising)[:_STARTED]]
-        starts = sorted(starts, key=lambda fit: -max(fit.score - leader.score, promising[fit.causes]))[:_SHORTLIST]
-        starts += self._probed(leader, noise, pool)
-        return [self.fitter.assess(self.fitter.refine(start, noise, 3), noise) for start in starts], promising
+        starts = sorted(starts, key=lambda fit: -max(fit.score - own, promising[fit.causes]))[:count]
+        starts += self._probed(leader, noise)
+        self._enter([self._refined(start, noise) for start in starts])
+        return promising
 
-    def _probed(self, leader: Fit, noise: Noise, pool: Pool) -> list[Fit]:
+    def _probed(self, leader: Fit, noise: Noise) -> list[Fit]:
         """The better probe of each cause, where it explains more than the leader does."""
         noise, _ = noise.heavy(self.fitter.residuals(leader.predicted))
         now = self.fitter.cost(noise, leader)
         found: dict[tuple[str, ...], tuple[float, Fit]] = {}
         for start in self.probes(leader, everything=False):
             cost = self.fitter.cost(noise, start)
-            if start.causes not in pool and cost < min(now, found.get(start.causes, (np.inf,))[0]):
+            if start.causes not in self.pool and cost < min(now, found.get(start.causes, (np.inf,))[0]):
                 found[start.causes] = (cost, start)
         return [start for _, start in found.values()]
-
-
-def _ranked(pool: Pool) -> list[Fit]:
-    return sorted(pool.values(), key=lambda fit: -fit.score)
-
-
-def _enter(pool: Pool, fits: Iterable[Fit]) -> None:
-    """Take in suppositions that are new, or fitted better than before; let go of the least likely."""
-    for fit in fits:
-        if fit.causes not in pool or fit.score > pool[fit.causes].score:
-            pool[fit.causes] = fit
-    for fit in _ranked(pool)[_KEPT:]:  # each holds all its derivatives
-        if fit.causes:
-            del pool[fit.causes]
 
 
 def _changed(vector: np.ndarray, changes: Mapping[int, float]) -> np.ndarray:

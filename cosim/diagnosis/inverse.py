@@ -419,6 +419,7 @@ def diagnose_inverse(plant: RigidPlant, runs: Sequence[Run], reserved: Sequence[
     after, skew = inverse.at(best.point, best.effects)
     finding = {
         "verdict": verdict, "wrong": listed, "causes": _causes(inverse, tried, best, shares),
+        "together": [*best.effects],
         "ambiguous_with": close, "ruled_out": [r for r in rivals if r["separation_sigma"] >= APART],
         "next_manoeuvre": _next(inverse, tried, best, close[0]["effects"]) if close else None,
         "unknown": unknown if verdict == "unknown" else None, "gain": None}

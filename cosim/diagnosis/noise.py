@@ -59,6 +59,7 @@ class Noise:
         floors: Standard deviation of each channel's white noise [its unit].
         least: Of each run, standard deviation of every sample.
         scales: The same for a sum of squares: samples that stray alike count as fewer.
+        temperatures: Of each run, by what minus the log likelihood is divided.
     """
 
     def __init__(self, runs: Sequence[Run], strays: Sequence[np.ndarray]) -> None:
@@ -68,6 +69,7 @@ class Noise:
         alike = {name: _correlation_time(
             [row / np.maximum(sways[r][run.slices[name]], 1e-12) for r, run in enumerate(runs) if name in run.clocks
              for row in strays[r][:, run.slices[name]]]) for name in self.floors}
+        self.temperatures = np.ones(len(self.runs))
         self.least, self.scales = [], []
         for run, sway in zip(runs, sways):
             floor = np.concatenate([np.full(clock.size, self.floors[name]) for name, clock in run.clocks.items()])
@@ -78,6 +80,7 @@ class Noise:
     def tempered(self, temperatures: Sequence[float]) -> Noise:
         """This noise, larger: of each run, minus the log likelihood is divided by a temperature."""
         result = copy(self)
+        result.temperatures = self.temperatures * np.array(temperatures)
         result.scales = [scale * np.sqrt(t) for scale, t in zip(self.scales, temperatures)]
         return result
 

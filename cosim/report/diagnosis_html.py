@@ -48,7 +48,8 @@ def render(diagnosis: Diagnosis) -> str:
         wrong=[_row(entry) for entry in finding["wrong"][:_LINES]],
         more=max(0, len(finding["wrong"]) - _LINES), story=_story(finding["wrong"]),
         pictures=_pictures(finding["wrong"], traces), shares=_shares(finding, getattr(diagnosis, "suspects", [])),
-        causes=[_cause(c) for i, c in enumerate(finding["causes"]) if i == 0 or c["probability"] >= _LIKELY],
+        causes=[_cause(c, finding) for i, c in enumerate(finding["causes"])
+                if i == 0 or c["effect"] in finding["together"] or c["probability"] >= _LIKELY],
         place=_place(diagnosis), rivals=_rivals(finding),
         next=finding["next_manoeuvre"], unknown=finding["unknown"], missing=_missing(finding["unknown"]),
         disturbances=_disturbances(finding["unknown"], getattr(diagnosis, "disturbance", {})),
@@ -121,12 +122,11 @@ def _about(finding: Mapping[str, Any]) -> list[str]:
 
 
 def _named(finding: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """The causes a verdict speaks of: those about as likely as the first, as several that act at once divide
-    their probability; where it is ambiguous, all that are likely."""
-    if not finding["causes"] or finding["verdict"] in ("none", "unknown"):
-        return []
-    least = _LIKELY if finding["verdict"] == "ambiguous" else 0.5 * max(c["probability"] for c in finding["causes"])
-    return [c for c in finding["causes"] if c["probability"] >= least]
+    """The causes a verdict speaks of: those that explain it together; where it is ambiguous, all that are likely."""
+    causes, together = finding["causes"], finding["together"]
+    if finding["verdict"] == "ambiguous":
+        return [c for c in causes if c["effect"] in together or c["probability"] >= _LIKELY]
+    return [c for c in causes if c["effect"] in together] if finding["verdict"] == "cause" else []
 
 
 def _summary(cause: Mapping[str, Any]) -> str:
@@ -238,9 +238,13 @@ def _shares(finding: Mapping[str, Any], suspects: Iterable[Mapping[str, Any]]) -
     return rows if rest < 0.0 else [*rows, {"name": "something else", "share": rest, "rest": True}]
 
 
-def _cause(cause: Mapping[str, Any]) -> dict[str, Any]:
+def _cause(cause: Mapping[str, Any], finding: Mapping[str, Any]) -> dict[str, Any]:
     effect = CATALOGUE.get(cause["effect"])
-    return {"name": _words(cause["effect"]), "probability": cause["probability"], "moved": _moved(cause),
+    said, together = f"{100.0 * cause['probability']:.0f} %", finding["together"]
+    if len(together) > 1 and cause["effect"] in together:  # they divide their probability
+        share = sum(c["probability"] for c in finding["causes"] if c["effect"] in together)
+        said = f"{100.0 * share:.0f} % together with the {'other' if len(together) == 2 else 'others'}"
+    return {"name": _words(cause["effect"]), "said": said, "moved": _moved(cause),
             "summary": _summary(cause),
             "parameters": [_parameter(name, p, effect) for name, p in cause["parameters"].items()]}
 
@@ -269,7 +273,7 @@ def _place(diagnosis: Diagnosis) -> dict[str, Any] | None:
     kinds = []
     for cause in finding["causes"]:
         effect = CATALOGUE.get(cause["effect"])
-        if effect is None or cause["probability"] < _LIKELY:
+        if effect is None or cause["effect"] not in finding["together"] and cause["probability"] < _LIKELY:
             continue
         kind, _, name = effect.acts_on.partition(" ")
         if kind in ("sensor", "input"):

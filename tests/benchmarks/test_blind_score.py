@@ -29,7 +29,9 @@ def cause(effect, sizes, probability=1.0, off=0.0, width=0.1):
 
 
 def finding(verdict, causes=(), ambiguous=(), unknown=None, gain=None):
+    instead = {effect for effects in ambiguous for effect in effects}
     return {"verdict": verdict, "causes": list(causes), "unknown": unknown, "gain": gain,
+            "together": [c["effect"] for c in causes if c["effect"] not in instead],
             "ambiguous_with": [{"effects": list(effects)} for effects in ambiguous]}
 
 
@@ -108,9 +110,11 @@ def test_a_target_that_few_cases_meet_is_not_shown():
 
 def test_what_is_first_stated_and_named():
     causes = [cause("vehicle_mass", {}, 0.5), cause("engine_inertia", {}, 0.3), cause("tyre_slip", {}, 0.1)]
-    found = finding("ambiguous", causes, [["backlash_size", "vehicle_mass"]])
+    found = {**finding("ambiguous", causes, [["backlash_size", "tyre_slip"]]),
+             "together": ["vehicle_mass", "engine_inertia"]}
     assert score.listed(found)[0] == "vehicle_mass" and score.named(found) == ["vehicle_mass", "engine_inertia"]
-    assert score.named({**found, "ambiguous_with": [{"effects": ["engine_inertia"]}]}) == ["vehicle_mass"]
+    del found["together"]
+    assert score.named(found) == ["vehicle_mass"]
     assert score.stated(found) == {"vehicle_mass", "engine_inertia", "tyre_slip", "backlash_size"}
     for other in ("none", "unknown"):
         assert not score.listed({**found, "verdict": other}) and not score.stated({**found, "verdict": other})

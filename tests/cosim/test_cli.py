@@ -141,9 +141,18 @@ FINDING = {"verdict": "cause", "wrong": [
     {"signal": "engine_speed", "where": "tip_in", "what": "shuffle frequency 22 % high", "size": 1.3, "unit": "Hz",
      "p_value": 1e-9}], "causes": [{"effect": "shaft_stiffness", "probability": 0.93, "parameters": {
          "axle_shaft_stiffness": {"nominal": 10.0, "value": 7.5, "low90": 7.4, "high90": 7.6, "unit": "N.m/rad"}}}],
-    "ambiguous_with": [{"effects": ["engine_inertia"], "separation_sigma": 2.5}],
+    "together": ["shaft_stiffness"], "ambiguous_with": [{"effects": ["engine_inertia"], "separation_sigma": 2.5}],
     "next_manoeuvre": {"kind": "ramp", "gear": 4, "separation_sigma": 6.0, "why": "because"}, "unknown": None,
     "extension": None, "gain": {"held_out": [{"signal": "wheel_speed", "nrmse_before": 0.35, "nrmse_after": 0.02}]}}
+
+
+def test_causes_that_act_together_are_told_with_what_they_have_together():
+    parameters = {"vehicle_mass": {"nominal": 2200.0, "value": 2530.0, "low90": 2500.0, "high90": 2560.0, "unit": "kg"}}
+    second = {"effect": "vehicle_mass", "probability": 0.4, "parameters": parameters}
+    first = {**FINDING["causes"][0], "probability": 0.5}
+    lines = cli._summary({**FINDING, "causes": [first, second], "together": ["shaft_stiffness", "vehicle_mass"]})
+    assert "90 % these together: shaft_stiffness, vehicle_mass" in "\n".join(lines)
+    assert "together" not in "\n".join(cli._summary(FINDING))
 
 
 @pytest.fixture

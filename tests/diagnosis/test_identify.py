@@ -108,3 +108,8 @@ def test_a_run_that_nothing_explains_counts_for_less():
     scales = [np.median(result.noise.scales[r] / plain.scales[r]) for r in range(RUNS)]
     assert scales[0] == pytest.approx(1.0, abs=0.2) and scales[1] > 1.5
     assert result.best.causes == ("size",)
+
+
+def test_four_causes_are_found_one_after_the_other():
+    causes = found({"size": 0.4, "phase": 0.2, "curve": 0.9, "slope": 0.3})[1].best.causes
+    assert len(causes) == 4 and {"size", "phase", "curve"} < set(causes) and {"slope", "tilt"} & set(causes)

@@ -97,10 +97,11 @@ def base(tmp_path_factory):
 def diagnosis(base, verdict):
     """As the pipeline hands it over, for every verdict; finding put together by hand."""
     stiffness = base.car.values["axle_shaft.stiffness"]
-    finding = {"verdict": verdict, "wrong": [entry.as_json() for entry in base.wrong], "causes": [],
+    finding = {"verdict": verdict, "wrong": [entry.as_json() for entry in base.wrong], "causes": [], "together": [],
                "ambiguous_with": [], "next_manoeuvre": None, "unknown": None, "extension": None, "gain": None}
     disturbance, traces, notices = {}, base.traces, ["no <turbine> speed: engine & converter are told together"]
     if verdict in ("cause", "ambiguous"):
+        finding["together"] = ["shaft_stiffness"]
         finding["causes"] = [{"effect": "shaft_stiffness", "probability": 0.93, "parameters": {
             "propeller_shaft_stiffness": {"nominal": 11250.0, "value": 9900.0, "low90": 7800.0, "high90": 12500.0,
                                           "unit": "N.m/rad"},
@@ -150,6 +151,17 @@ def test_the_page_needs_nothing_else(pages):
     for page in pages.values():
         assert not re.search(r"""(src|href)\s*=|url\(|@import|<script|<link""", page)
         assert len(page.encode()) < 400_000
+
+
+def test_causes_that_act_together_share_their_probability(base):
+    given = diagnosis(base, "cause")
+    mass = {"nominal": 2200.0, "value": 2530.0, "low90": 2500.0, "high90": 2560.0, "unit": "kg"}
+    given.finding["causes"] = [{**given.finding["causes"][0], "probability": 0.05},
+                               {"effect": "vehicle_mass", "probability": 0.05, "parameters": {"vehicle_mass": mass}}]
+    given.finding["together"] = ["shaft_stiffness", "vehicle_mass"]
+    page = render(given)
+    assert "shaft stiffness, 10 % together with the other" in page
+    assert "vehicle mass, 10 % together with the other" in page and "Vehicle mass: vehicle mass 2530" in page
 
 
 def test_names_from_outside_are_text_not_markup(pages):

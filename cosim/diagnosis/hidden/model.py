@@ -306,8 +306,8 @@ def _rates(t, y, p, torque_times, torque):
         if i == 0 and q.stage_twist > 0.0:
             inner = min(max(twist, -q.stage_twist), q.stage_twist)
             link -= q.chain_stiffness[0] * (1.0 - q.stage_ratio) * inner
-        if i == 0 and q.axle_hardening > 0.0:
-            link += q.axle_hardening * twist * twist * twist
+        if i < q.hub and q.axle_hardening > 0.0:
+            link += q.axle_hardening * (q.hub * twist) ** 3
         d[FIXED + i] -= link
         d[FIXED + i + 1] += link
     d[FIXED] += q.final_ratio * hypoid - q.axle_drag * np.tanh(ring / 0.02)
