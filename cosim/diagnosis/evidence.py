@@ -5,7 +5,7 @@ run's own nuisances are projected out. What is left, v, is not quite the u that 
 structure is not described by one stiffness in all manoeuvres, however exactly each run may fix it. So v = u + d
 with d ~ N(0, D), and no run says more of u than D allows. The coordinates have Gaussian priors: narrow (their
 tolerance in a healthy car), wide for those of the effects that are supposed to be the cause. With these every
-supposition has its evidence in closed form, and a whole run can be left out.
+supposition has its evidence in closed form.
 """
 
 from __future__ import annotations
@@ -159,26 +159,16 @@ class Evidence:
         return (sum(s.slopes.capped for s in self.seen), sum(s.capped for s in self.seen),
                 sum(s.length + s.slopes.log_determinant for s in self.seen))
 
-    def posterior(self, spread: np.ndarray, without: int | None = None) -> Posterior:
-        """Belief and evidence with prior standard deviations ``spread`` (all coordinates), if need be without a
-        run."""
+    def posterior(self, spread: np.ndarray) -> Posterior:
+        """Belief and evidence with prior standard deviations ``spread`` (all coordinates)."""
         spread = spread[self.layout.shared]
         square, product, length = self._sums
-        if without is not None:
-            gone = self.seen[without]
-            square, product = square - gone.slopes.capped, product - gone.capped
-            length = length - gone.length - gone.slopes.log_determinant
         factor = cho_factor(np.eye(spread.size) + spread[:, None] * square * spread, lower=True)
         scaled = cho_solve(factor, spread * product)
         log_evidence = -0.5 * (length - float((spread * product) @ scaled)) - float(
             np.sum(np.log(np.diag(factor[0]))))
         covariance = spread[:, None] * cho_solve(factor, np.eye(spread.size)) * spread
         return Posterior(spread * scaled, covariance, log_evidence)
-
-    def held_out(self, spread: np.ndarray) -> np.ndarray:
-        """Log density of every run, predicted from the others."""
-        everything = self.posterior(spread).log_evidence
-        return np.array([everything - self.posterior(spread, run).log_evidence for run in range(len(self.seen))])
 
     def separation(self, change: np.ndarray, spread: np.ndarray) -> float:
         """How far data changed by ``change`` of the coordinates are from what ``spread`` allows [sigma].
