@@ -22,6 +22,7 @@ from cosim.diagnosis.inverse import diagnose_inverse
 from cosim.diagnosis.localise import SHAFT_TORQUE, disturbances, goes_with
 from cosim.diagnosis.noise import Noise
 from cosim.diagnosis.plants import FullOrderCar, InstrumentedPlant, RigidPlant, Run, plant_for
+from cosim.diagnosis.plants.car import PLACES
 from cosim.diagnosis.predict import WANDERS, Predictor, coordinates
 from cosim.diagnosis.profit import profit
 from cosim.diagnosis.residuals import wrong
@@ -299,7 +300,7 @@ def _values(predictor: Predictor, fit: Fit) -> dict[str, float]:
 
 
 def _localise(diagnosis: Diagnosis, predictor: Predictor, found: Identification) -> None:
-    """Which balance lacks a torque, and what that goes with."""
+    """Where a torque is missing, and what that goes with."""
     # no torque of the engine's own: it would be the missing one in part
     wanders = [c.name == WANDERS for c in predictor.coordinates]
     points = [np.where(wanders, 0.0, point) for point in found.healthy.points]
@@ -309,9 +310,10 @@ def _localise(diagnosis: Diagnosis, predictor: Predictor, found: Identification)
     first = listed[0]
     variable, shape, share = goes_with(first.table)
     diagnosis.finding["unknown"] = {
-        "balance": first.balance, "driving_variable": "torque" if variable == SHAFT_TORQUE else variable,
-        "shape": shape, "size": first.size, "share": share, "log_evidence": {d.balance: d.gain for d in listed}}
-    diagnosis.disturbance = {d.balance: d.table for d in listed}
+        "balance": PLACES[first.place].balance, "place": first.place,
+        "driving_variable": "torque" if variable == SHAFT_TORQUE else variable,
+        "shape": shape, "size": first.size, "share": share, "log_evidence": {d.place: d.gain for d in listed}}
+    diagnosis.disturbance = {PLACES[first.place].balance: first.table}
 
 
 def _propose(diagnosis: Diagnosis, predictor: Predictor, found: Identification) -> None:

@@ -1,9 +1,9 @@
 """Where a torque is missing that no effect of the catalogue explains, and what it goes with.
 
-On each balance in turn a disturbance torque is supposed: a row of hats whose heights belong to an
-Ornstein-Uhlenbeck process. What each does to all channels is simulated, and the most probable torque and its
-evidence follow. The balance with the most evidence is where it is; over which variable its torque lies on a
-curve says what it goes with.
+At each place in turn, on a balance or within a shaft, a disturbance torque is supposed: a row of hats whose heights
+belong to an Ornstein-Uhlenbeck process. What each does to all channels is simulated, and the most probable torque and
+its evidence follow. The place with the most evidence is where it is; over which variable its torque lies on a curve
+says what it goes with.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from scipy.linalg import cho_factor, cho_solve
 from cosim.diagnosis.fitting import Fit
 from cosim.diagnosis.noise import Noise
 from cosim.diagnosis.plants import STEP, Run
-from cosim.diagnosis.plants.car import PUSHED
+from cosim.diagnosis.plants.car import PLACES
 from cosim.diagnosis.plants.hats import TEETH, comb, correlation, hats, parted, row
 from cosim.diagnosis.predict import Predictor
 
 LASTS = 0.3  # s: how long the torque stays alike
-PUSH = {"engine": 4.0, "transmission": 6.0, "propeller shaft": 6.0, "axle": 20.0, "wheel": 20.0, "vehicle": 60.0}
-_SIZES = np.geomspace(0.05, 30.0, 10)  # of the torque looked for, in units of ``PUSH``
+_SIZES = np.geomspace(0.05, 30.0, 10)  # of the torque looked for, in units of the place's
 _BINS = 12
+_SHIFTS = 8  # of a torque in time
 SHAFT_TORQUE = "shaft torque"  # what the propeller shaft carries, beside the torque that is missing
 # Over these a torque may swing any number of times: orders of what turns, waves of the road.
 _PERIODIC = {"wheel angle": (2.0 * np.pi,), "distance": tuple(np.geomspace(4.0, 60.0, 40))}
@@ -32,23 +32,23 @@ _PERIODIC = {"wheel angle": (2.0 * np.pi,), "distance": tuple(np.geomspace(4.0, 
 
 @dataclass(frozen=True)
 class Disturbance:
-    """The torque missing on one balance.
+    """The torque missing at one place.
 
     Attributes:
-        balance: Which.
+        place: Which, of ``PLACES``.
         gain: Log evidence over that of no torque.
         size: Standard deviation of the torque [N.m; N on the vehicle].
         table: Torque, its standard deviation, and what it may go with, at all hats of all runs.
     """
 
-    balance: str
+    place: str
     gain: float
     size: float
     table: dict[str, np.ndarray] = field(repr=False)
 
 
 def disturbances(predictor: Predictor, fit: Fit, noise: Noise) -> list[Disturbance]:
-    """The torque missing on every balance beside a fitted supposition, the most evident first.
+    """The torque missing at every place beside a fitted supposition, the most evident first.
 
     Args:
         predictor: Of the runs.
@@ -56,23 +56,23 @@ def disturbances(predictor: Predictor, fit: Fit, noise: Noise) -> list[Disturban
         noise: Of the channels.
     """
     residuals = [(run.stacked - y) / scale for run, y, scale in zip(predictor.runs, fit.predicted, noise.least)]
-    supposed = {balance: [_Run(e, h / scale[:, None]) for e, h, scale in zip(
-        residuals, _slopes(predictor, fit, balance), noise.least)] for balance in PUSHED}
-    # a plant of another structure is never right to the noise: errors count as what the best balance leaves
+    supposed = {place: [_Run(e, h / scale[:, None]) for e, h, scale in zip(
+        residuals, _slopes(predictor, fit, place), noise.least)] for place in PLACES}
+    # a plant of another structure is never right to the noise: errors count as what the best place leaves
     left = [float(np.mean(e**2)) for e in residuals]
     for _ in range(2):
-        sizes = {balance: max(_SIZES, key=lambda size, b=balance, runs=runs: _gain(runs, size * PUSH[b], left))
-                 * PUSH[balance] for balance, runs in supposed.items()}
-        left = [max(1.0, min(runs[r].left(sizes[balance], left[r]) for balance, runs in supposed.items()))
+        sizes = {name: max(_SIZES * PLACES[name].size, key=lambda size, runs=runs: _gain(runs, size, left))
+                 for name, runs in supposed.items()}
+        left = [max(1.0, min(runs[r].left(sizes[name], left[r]) for name, runs in supposed.items()))
                 for r in range(len(residuals))]
     found = []
-    for balance, runs in supposed.items():
+    for name, runs in supposed.items():
         tables = []
         for r, (run, one) in enumerate(zip(predictor.runs, runs)):
-            answer = one.solve(sizes[balance], left[r])
+            answer = one.solve(sizes[name], left[r])
             tables.append({"torque": answer.mean, "std": answer.deviation} | _variables(predictor, fit, r, run))
-        table = {name: np.concatenate([t[name] for t in tables]) for name in tables[0]}
-        found.append(Disturbance(balance, _gain(runs, sizes[balance], left), float(np.std(table["torque"])), table))
+        table = {column: np.concatenate([t[column] for t in tables]) for column in tables[0]}
+        found.append(Disturbance(name, _gain(runs, sizes[name], left), float(np.std(table["torque"])), table))
     return sorted(found, key=lambda d: -d.gain)
 
 
@@ -81,20 +81,32 @@ def _gain(runs: Sequence[_Run], size: float, left: Sequence[float]) -> float:
 
 
 def goes_with(table: Mapping[str, np.ndarray]) -> tuple[str, str, float]:
-    """What the torque of a table goes with: variable, shape, share of its variance (predicted across halves)."""
+    """What the torque of a table goes with: variable, shape, share of its variance (predicted across stretches).
+
+    Over some variables many curves are tried. So what counts is how much more they predict than of the same torque
+    shifted in time, which goes with nothing.
+    """
+    random = np.random.default_rng(1)
     torque, weight = table["torque"], 1.0 / table["std"] ** 2
+    runs = [np.flatnonzero(table["run"] == r) for r in np.unique(table["run"])]
+    shifted = []
+    for _ in range(_SHIFTS):
+        one = torque.copy()
+        for own in runs:
+            one[own] = np.roll(torque[own], random.integers(own.size // 5, max(own.size * 4 // 5, own.size // 5 + 1)))
+        shifted.append(one)
     scores = {}
     for name, values in table.items():
         if name in ("torque", "std", "run") or np.ptp(values) <= 0.0:
             continue
-        curves = [_binned(values)]
-        if name in _PERIODIC:
-            curves = [_waves(values, length) for length in _PERIODIC[name]]
-        scores[name] = max(_predicted(torque, weight, curve, table["run"]) for curve in curves)
+        curves = [_waves(values, length) for length in _PERIODIC[name]] if name in _PERIODIC else [_binned(values)]
+        own, *chance = (max(_predicted(one, weight, curve, table["run"]) for curve in curves)
+                        for one in (torque, *shifted))
+        scores[name] = (own - float(np.mean(chance)), own)
     if not scores:
         return "time", "no shape", 0.0
     best = max(scores, key=scores.__getitem__)
-    return best, _shape(table[best], torque, best), float(scores[best])
+    return best, _shape(table[best], torque, best), float(scores[best][1])
 
 
 def _binned(values: np.ndarray) -> np.ndarray:
@@ -145,10 +157,10 @@ def _shape(values: np.ndarray, torque: np.ndarray, name: str) -> str:
     return f"{'rises' if (cube if odd else line) > 0 else 'falls'}, {'steeper at the ends' if odd else 'evenly'}"
 
 
-def _slopes(predictor: Predictor, fit: Fit, balance: str) -> list[np.ndarray]:
+def _slopes(predictor: Predictor, fit: Fit, place: str) -> list[np.ndarray]:
     """Per run, what a unit hat does to all channels: samples x hats."""
-    runs, push = predictor.runs, PUSH[balance]
-    found = predictor.many([(point, r, (balance, push * row(runs[r], comb(hats(runs[r]).size, k))))
+    runs, push = predictor.runs, PLACES[place].size
+    found = predictor.many([(point, r, (place, push * row(runs[r], comb(hats(runs[r]).size, k))))
                             for r, point in enumerate(fit.points) for k in range(TEETH)])
     slopes = []
     for r, run in enumerate(runs):

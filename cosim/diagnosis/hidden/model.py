@@ -293,7 +293,7 @@ def _rates(t, y, p, torque_times, torque):
     if hypoid * y[PINION] < 0.0:
         share += q.mesh_loss_coast
     mesh_loss = (q.mesh_loss_constant + share * abs(hypoid)) * np.tanh(y[PINION])
-    oil = q.oil_drag * np.exp(-(t + 2.0) / q.oil_time) * y[OUTPUT]
+    oil = q.oil_drag * np.exp(-(t + 2.0) / q.oil_time) * y[SHAFT]
 
     # differential to tread
     first = FIXED + n
@@ -352,8 +352,8 @@ def _rates(t, y, p, torque_times, torque):
     d[CRANK] = (engine - pump - lockup) / q.engine_inertia
     d[PLATE] = (lockup - damper) / q.plate_inertia
     d[TURBINE] = (runner + damper - gears - gear_loss) / q.turbine_inertia
-    d[OUTPUT] = (q.ratio * gears - front - q.output_drag * y[OUTPUT] - oil) / q.output_inertia
-    d[SHAFT] = (front - rear) / q.shaft_inertia
+    d[OUTPUT] = (q.ratio * gears - front - q.output_drag * y[OUTPUT]) / q.output_inertia
+    d[SHAFT] = (front - rear - oil) / q.shaft_inertia
     d[PINION] = (rear - hypoid - mesh_loss) / q.pinion_inertia
     for i in range(n):
         d[FIXED + i] /= q.chain_inertia[i]

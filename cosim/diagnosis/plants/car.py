@@ -47,13 +47,36 @@ class Anchor:
 ANCHORS = {"engine_speed": Anchor("crankshaft", "rad/s", 6.0), "vehicle_speed": Anchor("vehicle", "m/s", 4000.0)}
 
 
-# The nodes on which a disturbance of each torque balance acts.
-PUSHED = {"engine": ("crankshaft",), "transmission": ("transmission_output",), "propeller shaft": ("pinion",),
-          "axle": ("differential",), "wheel": ("left_hub", "right_hub"), "vehicle": ("vehicle",)}
+@dataclass(frozen=True)
+class Place:
+    """Where a torque may be missing.
+
+    Attributes:
+        balance: The torque balance it is told as.
+        nodes: What share of it acts on which: on one end alone it comes from without; what acts on both ends of a
+            shaft against one another is wrong within it.
+        size: What moves the channels by about their noise [N.m; N on the vehicle].
+    """
+
+    balance: str
+    nodes: Mapping[str, float]
+    size: float
+
+
+# Within the propeller shaft or the tyres would do the same to all speeds: one after the other, they twist alike.
+PLACES = {
+    "engine": Place("engine", {"crankshaft": 1.0}, 4.0),
+    "transmission": Place("transmission", {"transmission_output": 1.0}, 6.0),
+    "propeller shaft": Place("propeller shaft", {"pinion": 1.0}, 6.0),
+    "axle": Place("axle", {"differential": 1.0}, 20.0),
+    "within the axle shafts": Place("axle", {"differential": -1.0, "left_hub": 0.5, "right_hub": 0.5}, 20.0),
+    "wheel": Place("wheel", {"left_hub": 0.5, "right_hub": 0.5}, 20.0),
+    "vehicle": Place("vehicle", {"vehicle": 1.0}, 60.0),
+}
 
 
 class LedPlant(FullOrderPlant):
-    """The full-order plant, led along measured speeds where ``led`` names them, pushed on the balance ``pushed``."""
+    """The full-order plant, led along measured speeds where ``led`` names them, pushed at the place ``pushed``."""
 
     inputs = (*FullOrderPlant.inputs,
               *(input_variable(f"led_{name}", anchor.unit, f"measured {name.replace('_', ' ')}")
@@ -69,9 +92,8 @@ class LedPlant(FullOrderPlant):
             node = list(net.nodes).index(anchor.node)
             net.source(f"led_{name}", node, anchor.gain, net.signal(f"led_{name}"))
             net.friction(f"led_{name}_drag", node, GROUND, 0.0, drag=anchor.gain)
-        nodes = PUSHED.get(self.pushed, ())
-        for name in nodes:
-            net.source(f"push_{name}", list(net.nodes).index(name), 1.0 / len(nodes), net.signal("push"))
+        for name, share in PLACES[self.pushed].nodes.items() if self.pushed else ():
+            net.source(f"push_{name}", list(net.nodes).index(name), share, net.signal("push"))
 
 
 class FullOrderCar(InstrumentedPlant):
@@ -86,10 +108,10 @@ class FullOrderCar(InstrumentedPlant):
     def _start(self, run: Run, nuisance: Nuisance) -> None:
         self._plant["start.vehicle_speed"] = run.start_speed + nuisance.start_speed
 
-    def pushed(self, values: Mapping[str, float], run: Run, nuisance: Nuisance, balance: str,
+    def pushed(self, values: Mapping[str, float], run: Run, nuisance: Nuisance, place: str,
                push: np.ndarray) -> dict[str, np.ndarray]:
-        """As ``raw``, with a torque [N.m; N on the vehicle] at every step on a balance of ``PUSHED``."""
-        self._plant.pushed = balance
+        """As ``raw``, with a torque [N.m; N on the vehicle] at every step at a place of ``PLACES``."""
+        self._plant.pushed = place
         try:
             inputs = self._prepared(values, run, nuisance, 0.0)
             inputs[:, self.columns["push"]] = push
