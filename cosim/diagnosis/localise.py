@@ -24,7 +24,9 @@ from cosim.diagnosis.predict import Predictor
 LASTS = 0.3  # s: how long the torque stays alike
 _SIZES = np.geomspace(0.05, 30.0, 10)  # of the torque looked for, in units of the place's
 _BINS = 12
-_SHIFTS = 8  # of a torque in time
+_MIXED, _PIECES = 8, 9  # orders of a torque's pieces, which are as many a run
+_LEAST = 0.1  # share of its variance: what goes with less of it than that, it does not go with
+NOTHING = "nothing"  # for what a torque goes with
 SHAFT_TORQUE = "shaft torque"  # what the propeller shaft carries, beside the torque that is missing
 # Over these a torque may swing any number of times: orders of what turns, waves of the road.
 _PERIODIC = {"wheel angle": (2.0 * np.pi,), "distance": tuple(np.geomspace(4.0, 60.0, 40))}
@@ -83,29 +85,32 @@ def _gain(runs: Sequence[_Run], size: float, left: Sequence[float]) -> float:
 def goes_with(table: Mapping[str, np.ndarray]) -> tuple[str, str, float]:
     """What the torque of a table goes with: variable, shape, share of its variance (predicted across stretches).
 
+    ``NOTHING`` where it goes with none of the variables.
+
     Over some variables many curves are tried. So what counts is how much more they predict than of the same torque
-    shifted in time, which goes with nothing.
+    in another order, which goes with nothing.
     """
     random = np.random.default_rng(1)
     torque, weight = table["torque"], 1.0 / table["std"] ** 2
     runs = [np.flatnonzero(table["run"] == r) for r in np.unique(table["run"])]
-    shifted = []
-    for _ in range(_SHIFTS):
+    mixed = []
+    for _ in range(_MIXED):
         one = torque.copy()
         for own in runs:
-            one[own] = np.roll(torque[own], random.integers(own.size // 5, max(own.size * 4 // 5, own.size // 5 + 1)))
-        shifted.append(one)
+            pieces = np.array_split(own, _PIECES)
+            one[own] = torque[np.concatenate([pieces[k] for k in random.permutation(_PIECES)])]
+        mixed.append(one)
     scores = {}
     for name, values in table.items():
         if name in ("torque", "std", "run") or np.ptp(values) <= 0.0:
             continue
         curves = [_waves(values, length) for length in _PERIODIC[name]] if name in _PERIODIC else [_binned(values)]
         own, *chance = (max(_predicted(one, weight, curve, table["run"]) for curve in curves)
-                        for one in (torque, *shifted))
-        scores[name] = (own - float(np.mean(chance)), own)
-    if not scores:
-        return "time", "no shape", 0.0
-    best = max(scores, key=scores.__getitem__)
+                        for one in (torque, *mixed))
+        scores[name] = (own - max(float(np.mean(chance)), 0.0), own)
+    best = max(scores, key=scores.__getitem__, default=NOTHING)
+    if best == NOTHING or scores[best][0] < _LEAST:
+        return NOTHING, "no shape", 0.0
     return best, _shape(table[best], torque, best), float(scores[best][1])
 
 

@@ -101,8 +101,10 @@ def _headline(finding: Mapping[str, Any]) -> str:
         unknown = finding["unknown"]
         if not unknown:
             return "The simulation is wrong, and no known effect explains it"
+        goes = ("nothing that was looked at" if unknown["driving_variable"] == "nothing" else
+                f"{_words(unknown['driving_variable'])}, {unknown['shape']}")
         return (f"A {_missing(unknown)[0]} at the {unknown['balance']} is missing that no known effect explains: it "
-                f"goes with {_words(unknown['driving_variable'])}, {unknown['shape']}")
+                f"goes with {goes}")
     return "Nothing is significantly wrong: what differs, tolerance and noise explain"
 
 

@@ -173,3 +173,5 @@ def test_what_a_torque_goes_with():
     wavy = {**table, "torque": 80.0 * np.sin(2.0 * np.pi * table["distance"] / 14.0) + random.standard_normal(n)}
     variable, shape, share = goes_with(wavy)
     assert variable == "distance" and "14 m" in shape and share > 0.9
+    for torque in (random.standard_normal(n), np.cumsum(random.standard_normal(n))):
+        assert goes_with({**table, "torque": torque}) == ("nothing", "no shape", 0.0)
