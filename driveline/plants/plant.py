@@ -245,15 +245,17 @@ class Plant(KernelModel):
             state[j] = here
         return matrix, [entry.name for entry in net.entries[:size]]
 
+    def _gears(self) -> list[int | None]:
+        """The gears it may get into from here; None for the present one."""
+        count = int(self.network.plan[k.GEARS])
+        return [gear for gear in range(-1, count - 1) if self._gear_exists(gear)] if count else [None]
+
     def _check_substep(self) -> None:
-        """Refuse a sub-step at which Runge-Kutta's method would not be stable, in any gear there is."""
+        """Refuse a sub-step at which Runge-Kutta's method would not be stable, in any gear it may get into."""
         net = self.network
         inputs = self._inputs.copy()
-        gears = [None]
-        if net.plan[k.GEARS]:
-            gears = [gear for gear in range(-1, int(net.plan[k.GEARS]) - 1) if self._gear_exists(gear)]
         fastest = 0.0
-        for gear in gears:
+        for gear in self._gears():
             if gear is not None:
                 self._inputs[net.plan[k.GEAR_INPUT]] = gear
             matrix, _ = self.state_matrix()
