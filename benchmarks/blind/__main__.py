@@ -2,6 +2,7 @@
 
     python -m benchmarks.blind --cases 30 --workers 2                        # all categories
     python -m benchmarks.blind --categories single:60 null:100 --no-baselines
+    python -m benchmarks.blind --manoeuvres tip_in:5 --no-baselines          # quick: one recording each
     python -m benchmarks.blind --cluster tcp://host:8786 --cases 300         # a dask scheduler's address
     python -m benchmarks.blind --print --out out/blind                       # what is there, nothing is run
 
@@ -40,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             compared = ([r for r in blind.read(options.out / baselines.LINES) if r["category"] in counts]
                         if (options.out / baselines.LINES).is_file() else [])
         else:
-            chosen = cases(counts, options.seed)
+            chosen = cases(counts, options.seed, options.manoeuvres and tuple(options.manoeuvres.split(",")))
             with _progress("diagnosis", options.quiet) as told:
                 results = blind.run(chosen, options.out, workers=options.workers, cluster=options.cluster,
                                     progress=told)
@@ -112,6 +113,8 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--cluster", help="address of a dask scheduler to run on instead")
     parser.add_argument("--out", type=Path, default=Path("out/blind"), help="folder of the results (out/blind)")
     parser.add_argument("--seed", type=int, default=0, help="another one gives other cases")
+    parser.add_argument("--manoeuvres", metavar="KIND:GEAR,...",
+                        help="recordings of each case, as driveline hide takes them; the usual ones by default")
     parser.add_argument("--baselines", action=argparse.BooleanOptionalAction, default=True,
                         help="also simpler methods on the same cases")
     parser.add_argument("--print", action="store_true", help="only score what is in --out")

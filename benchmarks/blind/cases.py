@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.effect import Effect
 from cosim.diagnosis.hidden import COCKTAIL, VALIDATED, VEHICLE, drawn
 from cosim.diagnosis.hidden.outside import OUTSIDE, PREFIX
+from cosim.diagnosis.hidden.recordings import asked
 from cosim.messages import did_you_mean
 from driveline import vehicles
 from driveline.quantities import InputError
@@ -70,15 +71,21 @@ def wanted(entries: Sequence[str], count: int) -> dict[str, int]:
     return found
 
 
-def cases(counts: Mapping[str, int], seed: int = 0) -> list[BlindCase]:
+def cases(counts: Mapping[str, int], seed: int = 0, manoeuvres: tuple[str, ...] | None = None) -> list[BlindCase]:
     """The cases of the categories by turns, so that a run that was stopped has some of each.
 
     Args:
         counts: Category to number of cases, below 10000.
         seed: Another one gives other cases throughout.
+        manoeuvres: In place of the usual ones, as ``hide`` takes them.
+
+    Raises:
+        InputError: There is no such manoeuvre.
     """
+    asked(manoeuvres or (), 10)
     rows = [(number, place, name) for place, name in enumerate(CATEGORIES) for number in range(counts.get(name, 0))]
-    return [_case(name, place, number, seed) for number, place, name in sorted(rows)]
+    found = [_case(name, place, number, seed) for number, place, name in sorted(rows)]
+    return [replace(case, manoeuvres=case.manoeuvres or manoeuvres) for case in found]
 
 
 def _case(category: str, place: int, number: int, seed: int) -> BlindCase:

@@ -72,6 +72,14 @@ def test_counts_may_differ_between_categories():
         wanted(["null:many"], 1)
 
 
+def test_other_manoeuvres_are_for_those_that_have_none_of_their_own():
+    single, strange = cases({"single": 1, "strange": 1}, manoeuvres=("tip_in:5",))
+    assert single.manoeuvres == ("tip_in:5",) and len(strange.manoeuvres) > 1
+    assert single.seed == cases({"single": 1})[0].seed
+    with pytest.raises(InputError, match="tipp_in:5.*did you mean"):
+        cases({"single": 1}, manoeuvres=("tipp_in:5",))
+
+
 def test_the_truth_stands_beside_what_was_found(here):
     _, chosen, results = here
     assert [r["name"] for r in results] == [case.name for case in chosen]

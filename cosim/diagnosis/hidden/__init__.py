@@ -28,7 +28,7 @@ from cosim.diagnosis.catalogue import CATALOGUE, apply, effect
 from cosim.diagnosis.effect import Effect, EffectParameter
 from cosim.diagnosis.hidden.model import PRE_ROLL, simulate
 from cosim.diagnosis.hidden.outside import OUTSIDE, PREFIX
-from cosim.diagnosis.hidden.recordings import KINDS, USUAL, Drive, driven, logged, write
+from cosim.diagnosis.hidden.recordings import USUAL, Drive, asked, driven, logged, write
 from cosim.files import write_text
 from cosim.messages import did_you_mean
 from driveline import vehicles
@@ -310,17 +310,8 @@ def _drift(values: Mapping[str, float], changed: Mapping[str, Any], drift: str,
 def _drives(manoeuvres: Sequence[str] | None, nominal: Mapping[str, float],
             random: np.random.Generator) -> list[Drive]:
     top = max(gear for gear in range(1, 11) if nominal.get(f"transmission.ratio[{gear + 2}]"))
-    drives = []
-    for entry in manoeuvres or [f"{kind}:{min(gear, top)}" for kind, gear in USUAL]:
-        kind, _, gear = entry.partition(":")
-        if kind not in KINDS:
-            raise InputError(f"manoeuvre {entry}{did_you_mean(kind, KINDS, 20)}")
-        if gear and not gear.isdigit():
-            raise InputError(f"manoeuvre {entry}: KIND:GEAR is needed, such as tip_in:5")
-        if not 1 <= int(gear or 5) <= top:
-            raise InputError(f"manoeuvre {entry}: the vehicle has gears 1 to {top}")
-        drives.append(driven(kind, int(gear or 5), random))
-    return drives
+    usual = [f"{kind}:{min(gear, top)}" for kind, gear in USUAL]
+    return [driven(kind, gear, random) for kind, gear in asked(manoeuvres or usual, top)]
 
 
 def _recording(drive: Drive, values: Mapping[str, float], random: np.random.Generator) -> dict[str, Any]:

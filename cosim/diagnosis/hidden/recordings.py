@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +13,9 @@ from cosim import units
 from cosim.diagnosis.hidden.model import PRE_ROLL, Recorded
 from cosim.files import write_text
 from cosim.measured import CANONICAL
+from cosim.messages import did_you_mean
 from driveline import vehicles
+from driveline.quantities import InputError
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,29 @@ class Drive:
 # kinds and gears of a measurement when nothing else is asked for; the first two repeat each other
 USUAL = (("tip_in", 5), ("tip_in", 5), ("tip_out", 5), ("pulse_train", 4), ("ramp", 6), ("coast_down", 7))
 KINDS = ("tip_in", "tip_out", "ramp", "step", "pulse_train", "coast_down", "cruise", "sweep")
+
+
+def asked(entries: Iterable[str], top: int) -> list[tuple[str, int]]:
+    """Manoeuvres and gears of entries like ``tip_in:4``, or ``tip_in`` for the fifth gear.
+
+    Args:
+        entries: What was asked for.
+        top: The highest gear there is.
+
+    Raises:
+        InputError: No such manoeuvre or gear.
+    """
+    found = []
+    for entry in entries:
+        kind, _, gear = entry.partition(":")
+        if kind not in KINDS:
+            raise InputError(f"manoeuvre {entry}{did_you_mean(kind, KINDS, 20)}")
+        if gear and not gear.isdigit():
+            raise InputError(f"manoeuvre {entry}: KIND:GEAR is needed, such as tip_in:5")
+        if not 1 <= int(gear or 5) <= top:
+            raise InputError(f"manoeuvre {entry}: the vehicle has gears 1 to {top}")
+        found.append((kind, int(gear or 5)))
+    return found
 
 
 def driven(kind: str, gear: int, random: np.random.Generator) -> Drive:
