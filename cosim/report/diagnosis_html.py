@@ -13,6 +13,7 @@ from markupsafe import Markup
 
 from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.features import WITH_RINGING, WITHOUT_PLACE
+from cosim.diagnosis.localise import NOTHING
 from cosim.measured import CANONICAL
 from cosim.report import svg
 
@@ -101,7 +102,7 @@ def _headline(finding: Mapping[str, Any]) -> str:
         unknown = finding["unknown"]
         if not unknown:
             return "The simulation is wrong, and no known effect explains it"
-        goes = ("nothing that was looked at" if unknown["driving_variable"] == "nothing" else
+        goes = ("nothing that was looked at" if unknown["driving_variable"] == NOTHING else
                 f"{_words(unknown['driving_variable'])}, {unknown['shape']}")
         return (f"A {_missing(unknown)[0]} at the {unknown['balance']} is missing that no known effect explains: it "
                 f"goes with {goes}")
