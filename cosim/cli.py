@@ -18,6 +18,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from cosim.diagnosis.finding import joint_probability
 from driveline.quantities import InputError
 
 LISTS = ("fmus", "scenarios", "studies", "vehicles", "effects")
@@ -288,8 +289,7 @@ def _summary(finding: dict[str, Any]) -> list[str]:
     lines += [f"  wrong: {entry['signal']}: {entry['what']} ({entry['where']}; p = {entry['p_value']:.1g})"
               for entry in finding["wrong"][:5]]
     if len(together := finding["together"]) > 1:
-        share = sum(cause["probability"] for cause in finding["causes"] if cause["effect"] in together)
-        lines.append(f"  {100 * share:3.0f} % these together: {', '.join(together)}")
+        lines.append(f"  {100 * joint_probability(finding, together):3.0f} % these together: {', '.join(together)}")
     for cause in finding["causes"]:
         numbers = ", ".join(f"{name} {p['value']:.4g} [{p['low90']:.4g}, {p['high90']:.4g}] {p['unit']} "
                             f"(file: {p['nominal']:.4g})" for name, p in cause["parameters"].items())

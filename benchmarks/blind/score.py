@@ -23,6 +23,7 @@ import numpy as np
 from scipy.stats import binomtest, quantile_test
 
 from cosim.diagnosis.catalogue import CATALOGUE
+from cosim.diagnosis.finding import joint_probability
 
 Result = Mapping[str, Any]
 SURE = 0.8
@@ -97,8 +98,7 @@ def confidently_wrong(result: Result) -> bool:
     if verdict(result) != "cause":
         return False
     told = set(named(result["finding"]))
-    sure = sum(c["probability"] for c in result["finding"]["causes"] if c["effect"] in told) >= SURE
-    return sure and bool(told - true_effects(result))
+    return joint_probability(result["finding"], told) >= SURE and bool(told - true_effects(result))
 
 
 def stiffness_for_inertia(result: Result) -> bool:

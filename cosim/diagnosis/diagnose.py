@@ -50,7 +50,7 @@ class Diagnosis:
         wrong: What the vehicle file gets wrong, as in the finding.
         traces: For pictures: run, channel to (clock, measured, before, after).
         suspects: Every effect with its probability.
-        disturbance: Where a torque is missing: balance to the torque at some instants and what it may go with.
+        disturbance: The torque that is missing, at some instants, and what it may go with; empty for none.
         notices: What limits the diagnosis, in words.
         seconds: It took.
         identification: The search's result; None for a bench.
@@ -64,7 +64,7 @@ class Diagnosis:
     wrong: list[dict[str, Any]] = field(default_factory=list)
     traces: dict[tuple[str, str], tuple[np.ndarray, ...]] = field(default_factory=dict)
     suspects: list[dict[str, Any]] = field(default_factory=list)
-    disturbance: dict[str, dict[str, np.ndarray]] = field(default_factory=dict)
+    disturbance: dict[str, np.ndarray] = field(default_factory=dict)
     notices: list[str] = field(default_factory=list)
     seconds: float = 0.0
     identification: Identification | None = None
@@ -313,7 +313,7 @@ def _localise(diagnosis: Diagnosis, predictor: Predictor, found: Identification)
         "balance": PLACES[first.place].balance, "place": first.place,
         "driving_variable": "torque" if variable == SHAFT_TORQUE else variable,
         "shape": shape, "size": first.size, "share": share, "log_evidence": {d.place: d.gain for d in listed}}
-    diagnosis.disturbance = {PLACES[first.place].balance: first.table}
+    diagnosis.disturbance = first.table
 
 
 def _propose(diagnosis: Diagnosis, predictor: Predictor, found: Identification) -> None:

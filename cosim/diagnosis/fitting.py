@@ -77,6 +77,7 @@ class Fit:
         """The effects of the catalogue that its causes belong to."""
         return tuple(dict.fromkeys(cause.partition(":")[0] for cause in self.causes))
 
+
 class Fitter:
     """Fits suppositions to the runs of a predictor, and says how evident they are.
 
@@ -115,15 +116,16 @@ class Fitter:
         """What is left of the residuals where a fitted supposition is right."""
         return Noise(self.predictor.runs, self.predictor.strays(fit.points, fit.predicted, _ENSEMBLE))
 
-    def judging(self, fit: Fit, noise: Noise) -> tuple[Noise, float]:
-        """A noise as it is where a fitted supposition is compared with others, and what it costs of the evidence."""
-        return noise.heavy(self.residuals(fit.predicted), _JUDGED)
+    def judged(self, fit: Fit, noise: Noise) -> tuple[Evidence, Posterior, float]:
+        """What the runs say where a supposition is compared with others, the belief that follows, and its score."""
+        noise, cost = noise.heavy(self.residuals(fit.predicted), _JUDGED)
+        evidence = self.seen(fit, noise)
+        posterior = evidence.posterior(prior(self.coordinates, fit.causes))
+        return evidence, posterior, posterior.log_evidence - cost + log_prior(fit.causes)
 
     def assess(self, fit: Fit, noise: Noise) -> Fit:
         """Evidence of a fitted supposition under a noise."""
-        noise, cost = self.judging(fit, noise)
-        fit.posterior = self.seen(fit, noise).posterior(prior(self.coordinates, fit.causes))
-        fit.score = fit.posterior.log_evidence - cost + log_prior(fit.causes)
+        _, fit.posterior, fit.score = self.judged(fit, noise)
         return fit
 
     def seen(self, fit: Fit, noise: Noise) -> Evidence:
@@ -146,15 +148,16 @@ class Fitter:
         return (float(np.sum(noise.whiten(run, self.measured[run] - predicted) ** 2))
                 + float(own @ layout.precision[run] @ own) + float(apart @ apart))
 
+    def run_costs(self, noise: Noise, fit: Fit) -> list[float]:
+        """Each run's part of minus twice the log posterior density of a fit's coordinates."""
+        return [self.run_cost(noise, r, predicted, fit.shared, point)
+                for r, (predicted, point) in enumerate(zip(fit.predicted, fit.points))]
+
     def cost(self, noise: Noise, fit: Fit) -> float:
         """Minus twice the log posterior density of a fit's coordinates, up to a constant."""
-        return self._prior_cost(fit.shared, fit.causes) + sum(
-            self.run_cost(noise, r, predicted, fit.shared, point)
-            for r, (predicted, point) in enumerate(zip(fit.predicted, fit.points)))
-
-    def _prior_cost(self, shared: np.ndarray, causes: tuple[str, ...]) -> float:
-        spread = prior(self.coordinates, causes)[self.layout.shared]
-        return float(np.sum((shared[self.layout.shared] / spread) ** 2))
+        shared = self.layout.shared
+        spread = prior(self.coordinates, fit.causes)[shared]
+        return float(np.sum((fit.shared[shared] / spread) ** 2)) + sum(self.run_costs(noise, fit))
 
     def most_probable(self, evidence: Evidence, causes: tuple[str, ...]) -> tuple[np.ndarray, list[np.ndarray]]:
         """What is shared, and the coordinates of each run, by what linearised runs say; within what is plausible."""

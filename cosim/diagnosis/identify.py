@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -39,8 +39,6 @@ _DOUBTS_ALIKE = 1.2  # ratio of temperatures below which they are the same
 _TURNS = 30  # steps of the search, at most; some three a cause
 _KEPT = 24  # fits
 
-Pool = dict[tuple[str, ...], Fit]  # what was fitted so far, by its causes
-
 
 @dataclass
 class Identification:
@@ -65,12 +63,21 @@ class Search:
     Args:
         predictor: Over all runs.
         say: Told what happens.
+
+    Attributes:
+        pool: What was fitted so far, by its causes.
+        judged: The causes of whose noise it is compared under.
+        plain, noise: That noise, and the same with doubts.
     """
+
+    judged: tuple[str, ...]
+    plain: Noise
+    noise: Noise
 
     def __init__(self, predictor: Predictor, say: Callable[[str], None] = log.info) -> None:
         self.predictor, self.fitter, self.say = predictor, Fitter(predictor), say
         self.coordinates = predictor.coordinates
-        self.pool: Pool = {}
+        self.pool: dict[tuple[str, ...], Fit] = {}
         self.causes = list(dict.fromkeys(c.cause for c in self.coordinates if c.cause))
 
     def worth(self, fit: Fit) -> bool:
@@ -182,9 +189,12 @@ class Search:
     def _judge(self, leader: Fit) -> None:
         """Compare under the noise of another leader."""
         self.judged, self.plain = leader.causes, self.fitter.noise(leader)
-        self.noise = self.doubted()
+        self._compare(self.doubted())
+
+    def _compare(self, noise: Noise) -> None:
+        self.noise = noise
         for fit in self.pool.values():
-            self.fitter.assess(fit, self.noise)
+            self.fitter.assess(fit, noise)
 
     def doubted(self) -> Noise:
         """The leader's noise, but a run counts for less that no supposition explains.
@@ -194,8 +204,7 @@ class Search:
         costs = []
         for fit in self.pool.values():
             heavy, _ = self.plain.heavy(self.fitter.residuals(fit.predicted))
-            costs.append([self.fitter.run_cost(heavy, r, predicted, fit.shared, point)
-                          for r, (predicted, point) in enumerate(zip(fit.predicted, fit.points))])
+            costs.append(self.fitter.run_costs(heavy, fit))
         sizes = np.array([run.stacked.size for run in self.predictor.runs])
         unexplained = np.min(costs, axis=0) - sizes - np.sqrt(2.0 * sizes)  # chi square, one sigma above
         return self.plain.tempered(1.0 + np.maximum(unexplained, 0.0) / _UNEXPLAINED)
@@ -205,9 +214,7 @@ class Search:
         noise = self.doubted()
         change = noise.temperatures / self.noise.temperatures
         if max(change.max(), 1.0 / change.min()) > _DOUBTS_ALIKE:
-            self.noise = noise
-            for fit in self.pool.values():
-                self.fitter.assess(fit, noise)
+            self._compare(noise)
 
     def _open(self) -> None:
         """No cause, and every cause alone, as far as they are worth a fit; and a noise for them."""
@@ -226,9 +233,10 @@ class Search:
         """Let others take the lead if they can; whether any came close enough to be settled, or leads."""
         self.say("; ".join(f"{'+'.join(fit.causes) or 'healthy'} {fit.score - leader.score:+.0f}"
                            for fit in self.worthy()[:4]))
-        hopes = self._challengers(leader, self.noise, _SHORTLIST)
+        probes = self.probes(leader, everything=False)
+        hopes = self._challengers(leader, probes, self.noise, _SHORTLIST)
         if self.noise.temperatures.max() > _DOUBTS_ALIKE:  # what it would take to explain the doubtful runs as well
-            self._challengers(leader, self.plain, _SHORTLIST_PLAIN)
+            self._challengers(leader, probes, self.plain, _SHORTLIST_PLAIN)
         self._doubt_again()
         # what the derivatives promise counts as well: a fit that fell short of it is in another minimum
         behind = {fit.causes: leader.score - fit.score for fit in self.pool.values()}
@@ -254,28 +262,28 @@ class Search:
     def _refined(self, fit: Fit, noise: Noise) -> Fit:
         return self.fitter.assess(self.fitter.refine(fit, noise, 3), self.noise)
 
-    def _challengers(self, leader: Fit, noise: Noise, count: int) -> dict[tuple[str, ...], float]:
+    def _challengers(self, leader: Fit, probes: Iterable[Fit], noise: Noise,
+                     count: int) -> dict[tuple[str, ...], float]:
         """Put into the pool what may explain more than the leader does under a noise; returns what was promised.
 
         Fitted with the derivatives of the leader, which say which these are.
         """
-        evidence = self.fitter.seen(leader, self.fitter.judging(leader, noise)[0])
+        evidence, _, own = self.fitter.judged(leader, noise)
         promising = {s: lead for lead, s in self.candidates(leader, evidence)
                      if lead > -(_PROMISING if len(s) > len(leader.causes) else _SWAPPED)
                      and not (s in self.pool and self.pool[s].settled)}
-        own = self.fitter.assess(replace(leader), noise).score
         starts = [self.fitter.assess(self.start(leader, s, evidence), noise) for s in list(promising)[:_STARTED]]
         starts = sorted(starts, key=lambda fit: -max(fit.score - own, promising[fit.causes]))[:count]
-        starts += self._probed(leader, noise)
+        starts += self._probed(leader, probes, noise)
         self._enter([self._refined(start, noise) for start in starts])
         return promising
 
-    def _probed(self, leader: Fit, noise: Noise) -> list[Fit]:
+    def _probed(self, leader: Fit, probes: Iterable[Fit], noise: Noise) -> list[Fit]:
         """The better probe of each cause, where it explains more than the leader does."""
         noise, _ = noise.heavy(self.fitter.residuals(leader.predicted))
         now = self.fitter.cost(noise, leader)
         found: dict[tuple[str, ...], tuple[float, Fit]] = {}
-        for start in self.probes(leader, everything=False):
+        for start in probes:
             cost = self.fitter.cost(noise, start)
             if start.causes not in self.pool and cost < min(now, found.get(start.causes, (np.inf,))[0]):
                 found[start.causes] = (cost, start)

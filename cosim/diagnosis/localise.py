@@ -18,7 +18,7 @@ from cosim.diagnosis.fitting import Fit
 from cosim.diagnosis.noise import Noise
 from cosim.diagnosis.plants import STEP, Run
 from cosim.diagnosis.plants.car import PLACES
-from cosim.diagnosis.plants.hats import TEETH, comb, correlation, hats, parted, row
+from cosim.diagnosis.plants.hats import correlation, hats, row
 from cosim.diagnosis.predict import Predictor
 
 LASTS = 0.3  # s: how long the torque stays alike
@@ -165,16 +165,11 @@ def _shape(values: np.ndarray, torque: np.ndarray, name: str) -> str:
 def _slopes(predictor: Predictor, fit: Fit, place: str) -> list[np.ndarray]:
     """Per run, what a unit hat does to all channels: samples x hats."""
     runs, push = predictor.runs, PLACES[place].size
-    found = predictor.many([(point, r, (place, push * row(runs[r], comb(hats(runs[r]).size, k))))
-                            for r, point in enumerate(fit.points) for k in range(TEETH)])
-    slopes = []
-    for r, run in enumerate(runs):
-        moved = np.zeros((run.stacked.size, hats(run).size))
-        for k, y in enumerate(found[r * TEETH:(r + 1) * TEETH]):
-            if y is not None:
-                moved += parted(run, k, (y - fit.predicted[r]) / push)
-        slopes.append(moved)
-    return slopes
+
+    def pushed(run: int, heights: np.ndarray) -> tuple[np.ndarray, int, tuple[str, np.ndarray]]:
+        return fit.points[run], run, (place, push * row(runs[run], heights))
+
+    return list(predictor.by_hats(range(len(runs)), fit.predicted, pushed, push).values())
 
 
 @dataclass(frozen=True)

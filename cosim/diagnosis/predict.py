@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import multiprocessing
 from collections import OrderedDict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 
@@ -273,23 +273,36 @@ class Predictor:
         for (run, place, step), y in zip(places, self.many(jobs)):
             if y is not None:
                 result[run][:, place] = (y - predicted[run]) / step
-        self._add_hats(result, points, predicted, columns)
-        return list(result.values())
-
-    def _add_hats(self, result: Mapping[int, np.ndarray], points: Sequence[np.ndarray],
-                  predicted: Sequence[np.ndarray], columns: Mapping[int, Sequence[int]]) -> None:
-        """Put the derivatives by the heights of the hats into their columns of ``result``, a comb a simulation."""
         rows = {run: [k for k, i in enumerate(wanted) if self.coordinates[i].name == WANDERS]
                 for run, wanted in columns.items()}
-        combs = [(run, first) for run, row in rows.items() for first in range(TEETH if row else 0)]
-        jobs = []
-        for run, first in combs:
+
+        def wandered(run: int, heights: np.ndarray) -> tuple[np.ndarray, int]:
             moved = points[run].copy()
-            moved[[columns[run][k] for k in rows[run]]] += WANDER * comb(len(rows[run]), first)
-            jobs.append((moved, run))
-        for (run, first), y in zip(combs, self.many(jobs)):
+            moved[[columns[run][k] for k in rows[run]]] += WANDER * heights
+            return moved, run
+
+        by_hats = self.by_hats([run for run, row in rows.items() if row], predicted, wandered, WANDER)
+        for run, moved in by_hats.items():
+            result[run][:, rows[run]] = moved
+        return list(result.values())
+
+    def by_hats(self, runs: Iterable[int], predicted: Sequence[np.ndarray],
+                job: Callable[[int, np.ndarray], tuple], unit: float) -> dict[int, np.ndarray]:
+        """Derivatives of the stacked predictions of some runs by the heights of a row of hats (samples x hats).
+
+        Args:
+            runs: Which.
+            predicted: Of all runs, without that row.
+            job: What ``many`` takes, of a run and the heights of its hats over ``unit``.
+            unit: How high hats are simulated.
+        """
+        result = {run: np.zeros((predicted[run].size, hats(self.runs[run]).size), dtype=np.float32) for run in runs}
+        combs = [(run, first) for run in result for first in range(TEETH)]
+        found = self.many([job(run, comb(hats(self.runs[run]).size, first)) for run, first in combs])
+        for (run, first), y in zip(combs, found):
             if y is not None:
-                result[run][:, rows[run]] += parted(self.runs[run], first, (y - predicted[run]) / WANDER)
+                result[run] += parted(self.runs[run], first, (y - predicted[run]) / unit)
+        return result
 
     def strays(self, points: Sequence[np.ndarray], predicted: Sequence[np.ndarray], count: int) -> list[np.ndarray]:
         """Of each run, how far every sample strays as the torque wanders faster than hats can follow: draws x

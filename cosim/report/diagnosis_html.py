@@ -13,6 +13,7 @@ from markupsafe import Markup
 
 from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.features import WITH_RINGING, WITHOUT_PLACE
+from cosim.diagnosis.finding import joint_probability
 from cosim.diagnosis.localise import NOTHING
 from cosim.measured import CANONICAL
 from cosim.report import svg
@@ -49,8 +50,7 @@ def render(diagnosis: Diagnosis) -> str:
         wrong=[_row(entry) for entry in finding["wrong"][:_LINES]],
         more=max(0, len(finding["wrong"]) - _LINES), story=_story(finding["wrong"]),
         pictures=_pictures(finding["wrong"], traces), shares=_shares(finding, getattr(diagnosis, "suspects", [])),
-        causes=[_cause(c, finding) for i, c in enumerate(finding["causes"])
-                if i == 0 or c["effect"] in finding["together"] or c["probability"] >= _LIKELY],
+        causes=[_cause(c, finding) for c in _likely(finding) or finding["causes"][:1]],
         place=_place(diagnosis), rivals=_rivals(finding),
         next=finding["next_manoeuvre"], unknown=finding["unknown"], missing=_missing(finding["unknown"]),
         disturbances=_disturbances(finding["unknown"], getattr(diagnosis, "disturbance", {})),
@@ -124,12 +124,16 @@ def _about(finding: Mapping[str, Any]) -> list[str]:
     return [_summary(c) for c in _named(finding)]
 
 
+def _likely(finding: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """The causes that explain it together, however they divide their probability, and all that are likely."""
+    return [c for c in finding["causes"] if c["effect"] in finding["together"] or c["probability"] >= _LIKELY]
+
+
 def _named(finding: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """The causes a verdict speaks of: those that explain it together; where it is ambiguous, all that are likely."""
-    causes, together = finding["causes"], finding["together"]
     if finding["verdict"] == "ambiguous":
-        return [c for c in causes if c["effect"] in together or c["probability"] >= _LIKELY]
-    return [c for c in causes if c["effect"] in together] if finding["verdict"] == "cause" else []
+        return _likely(finding)
+    return [c for c in finding["causes"] if c["effect"] in finding["together"]] if finding["verdict"] == "cause" else []
 
 
 def _summary(cause: Mapping[str, Any]) -> str:
@@ -245,8 +249,8 @@ def _cause(cause: Mapping[str, Any], finding: Mapping[str, Any]) -> dict[str, An
     effect = CATALOGUE.get(cause["effect"])
     said, together = f"{100.0 * cause['probability']:.0f} %", finding["together"]
     if len(together) > 1 and cause["effect"] in together:  # they divide their probability
-        share = sum(c["probability"] for c in finding["causes"] if c["effect"] in together)
-        said = f"{100.0 * share:.0f} % together with the {'other' if len(together) == 2 else 'others'}"
+        others = "other" if len(together) == 2 else "others"
+        said = f"{100.0 * joint_probability(finding, together):.0f} % together with the {others}"
     return {"name": _words(cause["effect"]), "said": said, "moved": _moved(cause),
             "summary": _summary(cause),
             "parameters": [_parameter(name, p, effect) for name, p in cause["parameters"].items()]}
@@ -274,9 +278,9 @@ def _place(diagnosis: Diagnosis) -> dict[str, Any] | None:
     finding = diagnosis.finding
     marked: dict[str, list[str]] = {}
     kinds = []
-    for cause in finding["causes"]:
+    for cause in _likely(finding):
         effect = CATALOGUE.get(cause["effect"])
-        if effect is None or cause["effect"] not in finding["together"] and cause["probability"] < _LIKELY:
+        if effect is None:
             continue
         kind, _, name = effect.acts_on.partition(" ")
         if kind in ("sensor", "input"):
@@ -334,11 +338,10 @@ def _gain(gain: Mapping[str, Any] | None) -> dict[str, Any] | None:
             "fraction": gain.get("fraction_of_noise_floor"), "estimators": gain.get("estimators") or []}
 
 
-def _disturbances(unknown: Mapping[str, Any] | None, found: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
+def _disturbances(unknown: Mapping[str, Any] | None, table: Mapping[str, Any]) -> list[dict[str, Any]]:
     """What is missing over what it could go with; the variable it does go with first."""
-    if not unknown or unknown["balance"] not in found:
+    if not unknown or not table:
         return []
-    table = found[unknown["balance"]]
     torque = np.asarray(table["torque"])
     own = unknown["driving_variable"]
     variables = [name for name, values in table.items()

@@ -245,7 +245,7 @@ class Plant(KernelModel):
             state[j] = here
         return matrix, [entry.name for entry in net.entries[:size]]
 
-    def _gears(self) -> list[int | None]:
+    def possible_gears(self) -> list[int | None]:
         """The gears it may get into from here; None for the present one."""
         count = int(self.network.plan[k.GEARS])
         return [gear for gear in range(-1, count - 1) if self._gear_exists(gear)] if count else [None]
@@ -255,7 +255,7 @@ class Plant(KernelModel):
         net = self.network
         inputs = self._inputs.copy()
         fastest = 0.0
-        for gear in self._gears():
+        for gear in self.possible_gears():
             if gear is not None:
                 self._inputs[net.plan[k.GEAR_INPUT]] = gear
             matrix, _ = self.state_matrix()

@@ -85,7 +85,7 @@ class LedPlant(FullOrderPlant):
     led: tuple[str, ...] = ()
     pushed: str = ""
 
-    def _gears(self) -> list[int | None]:
+    def possible_gears(self) -> list[int | None]:
         return [None]  # a run has one gear, and a diagnosis simulates thousands
 
     def attach(self, net: Assembly) -> None:
