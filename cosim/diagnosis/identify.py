@@ -34,6 +34,7 @@ _PROMISING, _SWAPPED = 25.0, 400.0
 _STARTED = 20  # suppositions that are simulated where the leader's tangents place them
 _SHORTLIST, _SHORTLIST_PLAIN = 6, 3  # of which are fitted; the latter as if no run were doubtful
 _RIVAL, _RIVALS = 12.0, 4  # log evidence below the leader at which a rival gets derivatives of its own; how many
+_SHORT = 3.0  # log evidence below what the leader's derivatives promise at which a settled rival is fitted again
 _UNEXPLAINED = 40.0  # of minus twice the log likelihood of a run: leaves half of what it says
 _DOUBTS_ALIKE = 1.2  # ratio of temperatures below which they are the same
 _TURNS = 30  # steps of the search, at most; some three a cause
@@ -68,6 +69,8 @@ class Search:
         pool: What was fitted so far, by its causes.
         judged: The causes of whose noise it is compared under.
         plain, noise: That noise, and the same with doubts.
+        challenged: The leader that was challenged last.
+        tried: Settled rivals that were fitted again from there.
     """
 
     judged: tuple[str, ...]
@@ -78,6 +81,8 @@ class Search:
         self.predictor, self.fitter, self.say = predictor, Fitter(predictor), say
         self.coordinates = predictor.coordinates
         self.pool: dict[tuple[str, ...], Fit] = {}
+        self.challenged: Fit | None = None
+        self.tried: set[tuple[str, ...]] = set()
         self.causes = list(dict.fromkeys(c.cause for c in self.coordinates if c.cause))
 
     def worth(self, fit: Fit) -> bool:
@@ -165,7 +170,7 @@ class Search:
                 self.pool[leader.causes] = self.fitter.settle(leader, self.noise)
             elif leader.causes != self.judged:
                 self._judge(leader)
-            elif not self._challenge(leader):
+            elif not self.challenge(leader):
                 break
         leader, *others = self.worthy()
         return Identification(leader, [leader, *others], self.pool[()], self.noise)
@@ -229,7 +234,7 @@ class Search:
             self.pool[fit.causes] = self.fitter.renewed(fit, self.noise, everything=False)
         self._doubt_again()
 
-    def _challenge(self, leader: Fit) -> bool:
+    def challenge(self, leader: Fit) -> bool:
         """Let others take the lead if they can; whether any came close enough to be settled, or leads."""
         self.say("; ".join(f"{'+'.join(fit.causes) or 'healthy'} {fit.score - leader.score:+.0f}"
                            for fit in self.worthy()[:4]))
@@ -270,13 +275,29 @@ class Search:
         """
         evidence, _, own = self.fitter.judged(leader, noise)
         promising = {s: lead for lead, s in self.candidates(leader, evidence)
-                     if lead > -(_PROMISING if len(s) > len(leader.causes) else _SWAPPED)
-                     and not (s in self.pool and self.pool[s].settled)}
-        starts = [self.fitter.assess(self.start(leader, s, evidence), noise) for s in list(promising)[:_STARTED]]
+                     if lead > -(_PROMISING if len(s) > len(leader.causes) else _SWAPPED)}
+        fresh = [s for s in promising if not (s in self.pool and self.pool[s].settled)]
+        starts = [self.fitter.assess(self.start(leader, s, evidence), noise) for s in fresh[:_STARTED]]
         starts = sorted(starts, key=lambda fit: -max(fit.score - own, promising[fit.causes]))[:count]
         starts += self._probed(leader, probes, noise)
+        stuck = self._stuck(leader, promising) if noise is self.noise else []
         self._enter([self._refined(start, noise) for start in starts])
+        for causes in stuck:  # its score counts with derivatives of its own, as that of the one it may replace does
+            start = self.fitter.assess(self.start(leader, causes, evidence), noise)
+            self._enter([self.fitter.settle(self._refined(start, noise), noise)])
         return promising
+
+    def _stuck(self, leader: Fit, promising: Mapping[tuple[str, ...], float]) -> list[tuple[str, ...]]:
+        """Settled rivals that fall short of what the leader's derivatives promise, each once for a leader.
+
+        They are in another minimum than the leader: lashes are crossed at other moments.
+        """
+        if leader is not self.challenged:
+            self.challenged, self.tried = leader, set()
+        stuck = [s for s, lead in promising.items() if s in self.pool and self.pool[s].settled
+                 and lead > -_RIVAL and leader.score + lead > self.pool[s].score + _SHORT and s not in self.tried]
+        self.tried.update(stuck[:_RIVALS])
+        return stuck[:_RIVALS]
 
     def _probed(self, leader: Fit, probes: Iterable[Fit], noise: Noise) -> list[Fit]:
         """The better probe of each cause, where it explains more than the leader does."""

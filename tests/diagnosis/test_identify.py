@@ -72,6 +72,19 @@ def test_a_cause_beyond_a_local_minimum_is_found():
     assert started.score < result.best.score - 20.0
 
 
+def test_a_settled_fit_in_another_minimum_is_fitted_again_from_the_leader():
+    """Where the leader was settled later and better, its rivals are not left where they were."""
+    search, result = found({"phase": 0.5})
+    fitter, noise = search.fitter, result.noise
+    stuck = fitter.assess(replace(fitter.nominal(), causes=("phase",), settled=True), noise)
+    leader = fitter.settle(replace(result.best, causes=("phase", "slope"), settled=False), noise)
+    assert stuck.score < result.best.score - 20.0
+    search.pool = {(): result.healthy, stuck.causes: stuck, leader.causes: leader}
+    search.challenge(leader)
+    again = search.pool[("phase",)]
+    assert again.score == pytest.approx(result.best.score, abs=1.0) and again.settled
+
+
 def test_two_causes_are_found():
     assert set(found({"size": 0.4, "curve": 0.9})[1].best.causes) == {"size", "curve"}
 
