@@ -36,6 +36,7 @@ APART = 3.0  # sigma: rivals closer than this cannot be told from the best
 # not explain it. A run of which something is missing weighs more than a little in each.
 STRANGE = 0.15
 SOMETHING_ELSE = 0.03  # probability that is left for what nobody thought of
+_COMPARED = 4  # rivals that a proposed manoeuvre has to tell from the best
 _TEMPER = 8.0  # of differences in evidence: fits end in one of many minima, and those differ by more than noise
 _DRAWS = 30  # healthy cars
 
@@ -195,11 +196,16 @@ def _probabilities(found: Identification, effects: Sequence[str]) -> dict[str, f
     return shares
 
 
+def _apart(found: Identification, fit: Fit) -> float:
+    """How far a supposition is from the best [sigma]."""
+    return float(np.sqrt(2.0 * max(found.best.score - fit.score, 0.0) / _TEMPER))
+
+
 def _rivals(found: Identification) -> list[tuple[Fit, float]]:
     """Other suppositions with an effect that the best has not, and their distance in sigma."""
     rivals = []
     for fit in found.alternatives:
-        distance = float(np.sqrt(2.0 * max(found.best.score - fit.score, 0.0) / _TEMPER))
+        distance = _apart(found, fit)
         if set(fit.effects) - set(found.best.effects) and len(fit.causes) <= max(1, len(found.best.causes)):
             if distance < APART:
                 rivals.append((fit, distance))
@@ -317,12 +323,14 @@ def _localise(diagnosis: Diagnosis, predictor: Predictor, found: Identification)
 
 
 def _propose(diagnosis: Diagnosis, predictor: Predictor, found: Identification) -> None:
-    other = _rivals(found)[0][0]
-    best = proposal.propose(predictor, found.noise, found.best, other)
+    rivals = _rivals(found)[:_COMPARED]
+    if (apart := _apart(found, found.healthy)) < APART:
+        rivals.append((found.healthy, apart))
+    best = proposal.propose(predictor, found.noise, found.best, rivals)
     if best is not None:
         diagnosis.finding["next_manoeuvre"] = {
             "kind": best.kind, "gear": best.gear, "separation_sigma": best.separation_sigma,
-            "why": proposal.words(best, found.best.effects, other.effects)}
+            "why": proposal.words(best, found.best)}
 
 
 def _write_vehicle(diagnosis: Diagnosis, values: dict[str, float], out: Path) -> dict[str, float]:

@@ -1,9 +1,9 @@
-"""The manoeuvre that would tell two causes apart, found by driving candidates in simulation."""
+"""The manoeuvre that would tell causes apart, found by driving candidates in simulation."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,7 +14,7 @@ from cosim.diagnosis.fitting import Fit
 from cosim.diagnosis.noise import Noise
 from cosim.diagnosis.plants import SETTLE, STEP, FullOrderCar, Nuisance, Run
 from cosim.diagnosis.plants.car import ANCHORS
-from cosim.diagnosis.predict import RUN_NUISANCES, Predictor
+from cosim.diagnosis.predict import RUN_NUISANCES, Coordinate, Predictor
 from driveline.quantities import InputError
 
 DURATION = 7.0
@@ -36,11 +36,12 @@ _VAGUE = 3.0  # on the floor of every channel: that residuals are alike from sam
 
 @dataclass(frozen=True)
 class Proposal:
-    """A manoeuvre and how far apart it puts two causes.
+    """A manoeuvre and how far apart it puts a supposition and its rivals.
 
     Attributes:
         kind, gear, torque, speed: What to drive; the highest torque [N.m], speed at the start [m/s].
-        separation_sigma: Between the causes, nuisances projected out.
+        separation_sigma: From the rival that is nearest then, with the recordings there are; nuisances projected out.
+        nearest: That rival.
     """
 
     kind: str
@@ -48,15 +49,17 @@ class Proposal:
     torque: float
     speed: float
     separation_sigma: float
+    nearest: Fit
 
 
-def propose(predictor: Predictor, noise: Noise, one: Fit, other: Fit) -> Proposal | None:
-    """The candidate that separates two suppositions best, or None where none can be driven.
+def propose(predictor: Predictor, noise: Noise, one: Fit, rivals: Sequence[tuple[Fit, float]]) -> Proposal | None:
+    """The candidate after which a supposition stands out best from all of its rivals; None where none can be driven.
 
     Args:
         predictor: Of the recordings; its first run has the channels that can be recorded.
         noise: Its floors.
-        one, other: What cannot be told apart by the recordings.
+        one: What is likeliest by the recordings.
+        rivals: What cannot be told from it by them, and how far apart they are [sigma].
     """
     car = predictor.car
     best = None
@@ -69,11 +72,13 @@ def propose(predictor: Predictor, noise: Noise, one: Fit, other: Fit) -> Proposa
         speed = _ENGINE_SPEED / ratio * car.values["tyre.radius"]
         run = _candidate(car, predictor.runs[0], kind, corners, gear, torque, speed)
         try:
-            separation = _separation(predictor, noise.floors, run, one, other)
+            separations = _separations(predictor, noise.floors, run, one, [other for other, _ in rivals])
         except (ArithmeticError, InputError):
             continue
-        if best is None or separation > best.separation_sigma:
-            best = Proposal(kind, gear, torque, speed, separation)
+        then = np.hypot(separations, [apart for _, apart in rivals])
+        nearest = int(np.argmin(then))
+        if best is None or then[nearest] > best.separation_sigma:
+            best = Proposal(kind, gear, torque, speed, float(then[nearest]), rivals[nearest][0])
     return best
 
 
@@ -88,33 +93,39 @@ def _candidate(car: FullOrderCar, example: Run, kind: str, corners: Sequence[tup
     return Run(kind, kind, gear, 0.0, inputs, speed, clocks, {})
 
 
-def _separation(predictor: Predictor, floors: Mapping[str, float], run: Run, one: Fit, other: Fit) -> float:
-    """Distance of the two predictions in sigma; what the run's nuisances, the heterogeneity of the one's
-    parameters, and any other size of the other's can imitate does not count."""
+def _separations(predictor: Predictor, floors: Mapping[str, float], run: Run, one: Fit,
+                 others: Sequence[Fit]) -> list[float]:
+    """Distance of each other's prediction from the one's in sigma.
+
+    What the run's nuisances, the heterogeneity of the one's parameters, and any other size of the other's can imitate
+    does not count.
+    """
     car = predictor.car
-    mine, theirs = _values(predictor, one), _values(predictor, other)
+    mine = _values(predictor, one)
     raw = car.raw(mine, run)
     # what would be measured leads all simulations, as it will when the recording is diagnosed
     run = replace(run, anchors={name: (run.time, raw[name]) for name in ANCHORS if name in run.clocks})
     base = car.predict(mine, run)
-    columns = [car.predict(mine, run, Nuisance(**{name: step})) - base for name, (_, step) in RUN_NUISANCES.items()]
-    widths = [spread / step for spread, step in RUN_NUISANCES.values()]
-    difference = car.predict(theirs, run) - base
-    for fit, wide in ((one, False), (other, True)):
-        for cause in fit.causes:
-            for i in predictor.index(cause):
-                c = predictor.coordinates[i]
-                if c.run is not None:
-                    continue
-                moved = car.predict(_values(predictor, fit, i, c.step), run)
-                columns.append(moved - (difference + base if wide else base))
-                widths.append((c.spread if wide else HETEROGENEITY * c.parameter.detection) / c.step)
     scale = np.concatenate([np.full(clock.size, _VAGUE * floors[name]) for name, clock in run.clocks.items()])
-    white = difference / scale
-    design = np.column_stack(columns) / scale[:, None] * np.array(widths)
-    inner = design.T @ white
-    imitated = inner @ np.linalg.solve(design.T @ design + np.eye(inner.size), inner)
-    return float(np.sqrt(max(white @ white - imitated, 0.0)))
+
+    def moved(fit: Fit, there: np.ndarray, width: Callable[[Coordinate], float]) -> list[np.ndarray]:
+        """What a fit's causes do as they move by their widths, in units of the noise."""
+        own = [i for cause in fit.causes for i in predictor.index(cause) if predictor.coordinates[i].run is None]
+        return [(car.predict(_values(predictor, fit, i, c.step), run) - there) / scale * (width(c) / c.step)
+                for i in own for c in (predictor.coordinates[i],)]
+
+    imitating = [(car.predict(mine, run, Nuisance(**{name: step})) - base) / scale * (spread / step)
+                 for name, (spread, step) in RUN_NUISANCES.items()]
+    imitating += moved(one, base, lambda c: HETEROGENEITY * c.parameter.detection)
+    found = []
+    for other in others:
+        there = car.predict(_values(predictor, other), run)
+        design = np.column_stack(imitating + moved(other, there, lambda c: c.spread))
+        white = (there - base) / scale
+        inner = design.T @ white
+        imitated = inner @ np.linalg.solve(design.T @ design + np.eye(inner.size), inner)
+        found.append(float(np.sqrt(max(white @ white - imitated, 0.0))))
+    return found
 
 
 def _values(predictor: Predictor, fit: Fit, moved: int | None = None, step: float = 0.0) -> dict[str, float]:
@@ -128,11 +139,11 @@ def _values(predictor: Predictor, fit: Fit, moved: int | None = None, step: floa
     return predictor.values(point, 0)[0]
 
 
-def words(proposal: Proposal, one: Sequence[str], other: Sequence[str]) -> str:
-    """Why it would help, in a sentence."""
+def words(proposal: Proposal, one: Fit) -> str:
+    """Why it would help to tell a supposition from its rivals, in a sentence."""
     def name(effects: Sequence[str]) -> str:
         return " with ".join(CATALOGUE[e].name.replace("_", " ") for e in effects) or "nothing wrong"
 
     return (f"{proposal.kind.replace('_', ' ')} in gear {proposal.gear} to {proposal.torque:.0f} N.m from "
-            f"{3.6 * proposal.speed:.0f} km/h: {name(one)} and {name(other)} then differ by "
+            f"{3.6 * proposal.speed:.0f} km/h: {name(one.effects)} and {name(proposal.nearest.effects)} then differ by "
             f"{proposal.separation_sigma:.1f} sigma")

@@ -29,7 +29,7 @@ def supposed(predictor, cause, value):
 def separation(predictor, kind, gear, one, other):
     car = predictor.car
     run = proposal._candidate(car, predictor.runs[0], kind, proposal._PROFILES[kind], gear, 220.0, 12.0)
-    return proposal._separation(predictor, floors(predictor.runs), run, one, other)
+    return proposal._separations(predictor, floors(predictor.runs), run, one, [other])[0]
 
 
 def test_a_supposition_is_not_apart_from_itself(predictor):
@@ -60,6 +60,25 @@ def test_the_best_candidate_is_proposed_with_words(predictor, monkeypatch):
     class Quiet:
         floors = floors(predictor.runs)
 
-    found = proposal.propose(predictor, Quiet, one, other)
-    assert (found.kind, found.gear) == ("tip_in", 5) and found.separation_sigma > 3.0
-    assert "engine inertia" in proposal.words(found, one.effects, other.effects)
+    found = proposal.propose(predictor, Quiet, one, [(other, 0.5)])
+    assert (found.kind, found.gear) == ("tip_in", 5) and found.separation_sigma > 3.0 and found.nearest is other
+    assert "engine inertia" in proposal.words(found, one)
+
+
+def test_a_manoeuvre_has_to_tell_all_rivals_apart(predictor, monkeypatch):
+    """At speed air drag shows; what only tells the tyres would leave it where it is."""
+    monkeypatch.setattr(proposal, "_GEARS", (3, 7))
+    monkeypatch.setattr(proposal, "_TORQUES", (220.0,))
+    monkeypatch.setattr(proposal, "_PROFILES", {"tip_in": proposal._PROFILES["tip_in"]})
+
+    class Quiet:
+        floors = floors(predictor.runs)
+
+    rolling, drag = (supposed(predictor, cause, 0.3) for cause in ("rolling_resistance", "aerodynamic_drag"))
+    tyres = supposed(predictor, "tyre_stiffness", 0.5)
+    alone = proposal.propose(predictor, Quiet, rolling, [(tyres, 0.0)])
+    both = proposal.propose(predictor, Quiet, rolling, [(tyres, 0.0), (drag, 0.0)])
+    told = proposal.propose(predictor, Quiet, rolling, [(tyres, 0.0), (drag, 100.0)])
+    assert both.nearest is drag and both.separation_sigma < alone.separation_sigma
+    assert both.gear == proposal.propose(predictor, Quiet, rolling, [(drag, 0.0)]).gear
+    assert (told.gear, told.separation_sigma) == (alone.gear, alone.separation_sigma)
