@@ -23,7 +23,7 @@ from cosim.diagnosis.localise import SHAFT_TORQUE, disturbances, goes_with
 from cosim.diagnosis.noise import Noise
 from cosim.diagnosis.plants import FullOrderCar, InstrumentedPlant, RigidPlant, Run, plant_for
 from cosim.diagnosis.plants.car import PLACES
-from cosim.diagnosis.predict import WANDERS, Predictor, coordinates
+from cosim.diagnosis.predict import Predictor, coordinates
 from cosim.diagnosis.profit import profit
 from cosim.diagnosis.residuals import wrong
 from cosim.files import write_text
@@ -307,18 +307,13 @@ def _values(predictor: Predictor, fit: Fit) -> dict[str, float]:
 
 def _localise(diagnosis: Diagnosis, predictor: Predictor, found: Identification) -> None:
     """Where a torque is missing, and what that goes with."""
-    # no torque of the engine's own: it would be the missing one in part
-    wanders = [c.name == WANDERS for c in predictor.coordinates]
-    points = [np.where(wanders, 0.0, point) for point in found.healthy.points]
-    predicted = predictor.all_runs(points)
-    healthy = found.healthy if predicted is None else replace(found.healthy, points=points, predicted=predicted)
-    listed = disturbances(predictor, healthy, found.noise)
+    listed = disturbances(predictor, found.healthy, found.noise)
     first = listed[0]
-    variable, shape, share = goes_with(first.table)
+    variable, shape, _ = goes_with(first.table, first.follows)
     diagnosis.finding["unknown"] = {
         "balance": PLACES[first.place].balance, "place": first.place,
         "driving_variable": "torque" if variable == SHAFT_TORQUE else variable,
-        "shape": shape, "size": first.size, "share": share, "log_evidence": {d.place: d.gain for d in listed}}
+        "shape": shape, "size": first.size, "log_evidence": {d.place: d.gain for d in listed}}
     diagnosis.disturbance = first.table
 
 
