@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from cosim.diagnosis.finding import joint_probability
+from cosim.diagnosis.finding import goes_with, joint_probability, missing
 from driveline.quantities import InputError
 
 LISTS = ("fmus", "scenarios", "studies", "vehicles", "effects")
@@ -295,8 +295,9 @@ def _summary(finding: dict[str, Any]) -> list[str]:
                             f"(file: {p['nominal']:.4g})" for name, p in cause["parameters"].items())
         lines.append(f"  {100 * cause['probability']:3.0f} % {cause['effect']}: {numbers}")
     if unknown := finding["unknown"]:
-        lines.append(f"  unknown: torque on the {unknown['balance']} over {unknown['driving_variable']}, "
-                     f"{unknown['shape']}, {unknown['size']:.3g} N.m")
+        what, unit = missing(unknown)
+        lines.append(f"  unknown: a {what} at the {unknown['balance']} of {unknown['size']:.3g} {unit}; "
+                     f"it goes with {goes_with(unknown)}")
     lines += [f"  cannot be told from {', '.join(rival['effects'])} ({rival['separation_sigma']:.1f} sigma)"
               for rival in finding["ambiguous_with"]]
     if proposed := finding["next_manoeuvre"]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.effect import Effect
-from cosim.diagnosis.hidden import COCKTAIL, VALIDATED, VEHICLE, drawn
+from cosim.diagnosis.hidden import COCKTAIL, VALIDATED, VEHICLE, drawn, highest_gear
 from cosim.diagnosis.hidden.outside import OUTSIDE, PREFIX
 from cosim.diagnosis.hidden.recordings import asked
 from cosim.messages import did_you_mean
@@ -82,7 +82,7 @@ def cases(counts: Mapping[str, int], seed: int = 0, manoeuvres: tuple[str, ...] 
     Raises:
         InputError: There is no such manoeuvre.
     """
-    asked(manoeuvres or (), 10)
+    asked(manoeuvres or (), highest_gear(vehicles.load(VEHICLE, VALIDATED).values))
     rows = [(number, place, name) for place, name in enumerate(CATEGORIES) for number in range(counts.get(name, 0))]
     found = [_case(name, place, number, seed) for number, place, name in sorted(rows)]
     return [replace(case, manoeuvres=case.manoeuvres or manoeuvres) for case in found]

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.linalg import block_diag, cho_factor, cho_solve
 
 from cosim.diagnosis.evidence import Layout, prior
+from cosim.diagnosis.finding import NOTHING
 from cosim.diagnosis.fitting import Fit
 from cosim.diagnosis.noise import Noise
 from cosim.diagnosis.plants import STEP, Run
@@ -27,7 +28,6 @@ _SIZES = np.geomspace(0.05, 30.0, 10)  # of the torque looked for, in units of t
 _BINS = 12
 _MIXED, _PIECES = 8, 9  # orders of a torque's pieces, which are as many a run
 _LEAST = 0.1  # share of its variance: what goes with less of it than that, it does not go with
-NOTHING = "nothing"  # for what a torque goes with
 SHAFT_TORQUE = "shaft torque"  # what the propeller shaft carries, beside the torque that is missing
 FOLLOWED = ("speed", SHAFT_TORQUE, "twist", "time")
 _KNOTS = 7  # of a curve over one of these

@@ -13,8 +13,7 @@ from markupsafe import Markup
 
 from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.features import WITH_RINGING, WITHOUT_PLACE
-from cosim.diagnosis.finding import joint_probability
-from cosim.diagnosis.localise import NOTHING
+from cosim.diagnosis.finding import goes_with, joint_probability, missing
 from cosim.measured import CANONICAL
 from cosim.report import svg
 
@@ -34,7 +33,6 @@ _HEADS = {"cause": "Cause found", "ambiguous": "Several causes possible", "unkno
 _SAME, _CLOSE = 2.0, 3.0  # sigma: below, causes cannot be told apart, or hardly
 # What a missing torque may go with; where it is a force, and speeds are those of what moves along.
 _UNITS = {"speed": "m/s", "torque": "N.m", "twist": "rad", "wheel angle": "rad", "time": "s", "distance": "m"}
-_ALONG = ("vehicle", "carriage")
 
 
 def render(diagnosis: Diagnosis) -> str:
@@ -52,10 +50,19 @@ def render(diagnosis: Diagnosis) -> str:
         pictures=_pictures(finding["wrong"], traces), shares=_shares(finding, getattr(diagnosis, "suspects", [])),
         causes=[_cause(c, finding) for c in _likely(finding) or finding["causes"][:1]],
         place=_place(diagnosis), rivals=_rivals(finding),
-        next=finding["next_manoeuvre"], unknown=finding["unknown"], missing=_missing(finding["unknown"]),
+        next=finding["next_manoeuvre"], unknown=_unknown(finding["unknown"]),
         disturbances=_disturbances(finding["unknown"], getattr(diagnosis, "disturbance", {})),
         gain=_gain(finding["gain"]), extension=finding["extension"], notices=diagnosis.notices,
         seconds=diagnosis.seconds)
+
+
+def _unknown(unknown: Mapping[str, Any] | None) -> dict[str, Any] | None:
+    """What is missing, where, and what it goes with, in words."""
+    if not unknown:
+        return None
+    what, unit = missing(unknown)
+    return {"place": unknown.get("place", unknown["balance"]), "what": what, "unit": _unit(unit), "size": unknown["size"],
+            "goes_with": goes_with(unknown)}
 
 
 def _words(name: str) -> str:
@@ -102,17 +109,9 @@ def _headline(finding: Mapping[str, Any]) -> str:
         unknown = finding["unknown"]
         if not unknown:
             return "The simulation is wrong, and no known effect explains it"
-        goes = ("nothing that was looked at" if unknown["driving_variable"] == NOTHING else
-                f"{_words(unknown['driving_variable'])}, {unknown['shape']}")
-        return (f"A {_missing(unknown)[0]} at the {unknown['balance']} is missing that no known effect explains: it "
-                f"goes with {goes}")
+        return (f"A {missing(unknown)[0]} at the {unknown['balance']} is missing that no known effect explains: it "
+                f"goes with {goes_with(unknown)}")
     return "Nothing is significantly wrong: what differs, tolerance and noise explain"
-
-
-def _missing(unknown: Mapping[str, Any] | None) -> tuple[str, str]:
-    """What is missing, and its unit."""
-    along = unknown is not None and unknown["balance"] in _ALONG
-    return ("force", "N") if along else ("torque", _unit("N.m"))
 
 
 def _either(names: Sequence[str]) -> str:
@@ -290,7 +289,7 @@ def _place(diagnosis: Diagnosis) -> dict[str, Any] | None:
             marked.setdefault(effect.acts_on, []).append(_words(cause["effect"]))
         kinds.append(kind)
     if finding["verdict"] == "unknown" and finding.get("unknown"):
-        marked.setdefault(finding["unknown"]["balance"], []).append(f"missing {_missing(finding['unknown'])[0]}")
+        marked.setdefault(finding["unknown"]["balance"], []).append(f"missing {missing(finding['unknown'])[0]}")
         kinds.append("plant")
     if not kinds:
         return None

@@ -195,7 +195,7 @@ def test_what_is_missing_is_shown_over_what_it_could_go_with(base, pages):
     given = diagnosis(base, "unknown")
     given.finding["unknown"]["balance"] = "vehicle"
     text = " ".join(words(render(given)).split())
-    assert "A force at the vehicle is missing" in text and "16 N." in text
+    assert "A force at the vehicle is missing" in text and "size: 16 N;" in text
 
 
 def test_a_value_beyond_what_is_plausible_is_marked(base):

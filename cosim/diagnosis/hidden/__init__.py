@@ -307,9 +307,14 @@ def _drift(values: Mapping[str, float], changed: Mapping[str, Any], drift: str,
     return found
 
 
+def highest_gear(values: Mapping[str, float]) -> int:
+    """The highest gear of a vehicle."""
+    return max(gear for gear in range(1, 11) if values.get(f"transmission.ratio[{gear + 2}]"))
+
+
 def _drives(manoeuvres: Sequence[str] | None, nominal: Mapping[str, float],
             random: np.random.Generator) -> list[Drive]:
-    top = max(gear for gear in range(1, 11) if nominal.get(f"transmission.ratio[{gear + 2}]"))
+    top = highest_gear(nominal)
     usual = [f"{kind}:{min(gear, top)}" for kind, gear in USUAL]
     return [driven(kind, gear, random) for kind, gear in asked(manoeuvres or usual, top)]
 
