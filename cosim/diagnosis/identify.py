@@ -23,9 +23,7 @@ from cosim.diagnosis.predict import Predictor
 log = logging.getLogger("cosim")
 
 MOST_CAUSES = 9
-# Of a cause, in detection limits: less is what healthy cars differ by. Beside another cause errors of its fit
-# are as large.
-SMALLEST, SMALLEST_FURTHER = 0.6, 0.9
+SMALLEST = 0.9  # of a cause, in detection limits: less is what healthy cars differ by, or an error of another's fit
 _SIZES = (-4.0, -1.5, 1.5, 4.0)  # of probes, in detection limits
 _SCANNED = 12  # probes that are fitted
 # Linear log evidence below the leader at which a supposition is not looked at: with a cause more, and without;
@@ -87,8 +85,7 @@ class Search:
 
     def worth(self, fit: Fit) -> bool:
         """Whether all its causes are large enough to be some."""
-        sizes = sorted(self.size(fit, cause) for cause in fit.causes)
-        return not sizes or sizes[-1] >= SMALLEST and all(size >= SMALLEST_FURTHER for size in sizes[:-1])
+        return all(self.size(fit, cause) >= SMALLEST for cause in fit.causes)
 
     # -- screening ------------------------------------------------------------------------------
 
