@@ -19,7 +19,7 @@ from cosim.diagnosis.evidence import Layout
 from cosim.diagnosis.fitting import Fit
 from cosim.diagnosis.identify import Identification, Search
 from cosim.diagnosis.inverse import diagnose_inverse
-from cosim.diagnosis.localise import SHAFT_TORQUE, disturbances, goes_with
+from cosim.diagnosis.localise import disturbances, goes_with
 from cosim.diagnosis.noise import Noise
 from cosim.diagnosis.plants import FullOrderCar, InstrumentedPlant, RigidPlant, Run, plant_for
 from cosim.diagnosis.plants.car import PLACES
@@ -312,8 +312,8 @@ def _localise(diagnosis: Diagnosis, predictor: Predictor, found: Identification)
     variable, shape, _ = goes_with(first.table, first.follows)
     diagnosis.finding["unknown"] = {
         "balance": PLACES[first.place].balance, "place": first.place,
-        "driving_variable": "torque" if variable == SHAFT_TORQUE else variable,
-        "shape": shape, "size": first.size, "log_evidence": {d.place: d.gain for d in listed}}
+        "driving_variable": variable, "shape": shape, "size": first.size,
+        "log_evidence": {d.place: d.gain for d in listed}}
     diagnosis.disturbance = first.table
 
 

@@ -1,36 +1,31 @@
 """Where a torque is missing that no effect of the catalogue explains, and what it goes with.
 
-At each place in turn, on a balance or within a shaft, a disturbance torque is supposed: a row of hats whose heights
-belong to an Ornstein-Uhlenbeck process. What each does to all channels is simulated, and the most probable torque and
-its evidence follow. The place with the most evidence is where it is; over which variable its torque lies on a curve
-says what it goes with.
+At each place in turn, on a balance or within a shaft, a disturbance torque is supposed, of every kind in ``torques``.
+The place with the most evidence is where it is. It goes with the variable that it follows, or, if it follows none and
+just lasts, with the one over which its picture is a curve.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.linalg import block_diag, cho_factor, cho_solve
 
-from cosim.diagnosis.evidence import Layout, prior
+from cosim.diagnosis.evidence import Layout
 from cosim.diagnosis.finding import NOTHING
 from cosim.diagnosis.fitting import Fit
 from cosim.diagnosis.noise import Noise
-from cosim.diagnosis.plants import STEP, Run
+from cosim.diagnosis.plants import Run
 from cosim.diagnosis.plants.car import PLACES
-from cosim.diagnosis.plants.hats import correlation, hats, row
+from cosim.diagnosis.plants.hats import hats
 from cosim.diagnosis.predict import Predictor
+from cosim.diagnosis.torques import CONSTANT, HEIGHTS, LASTING, QUICK, Healthy, Torque, pieces, signals_of, slopes_of
 
-LASTS = 0.3  # s: how long the torque stays alike
 _SIZES = np.geomspace(0.05, 30.0, 10)  # of the torque looked for, in units of the place's
 _BINS = 12
 _MIXED, _PIECES = 8, 9  # orders of a torque's pieces, which are as many a run
 _LEAST = 0.1  # share of its variance: what goes with less of it than that, it does not go with
-SHAFT_TORQUE = "shaft torque"  # what the propeller shaft carries, beside the torque that is missing
-FOLLOWED = ("speed", SHAFT_TORQUE, "twist", "time")
-_KNOTS = 7  # of a curve over one of these
 _MORE = 5.0  # log evidence by which a torque that follows a variable has to be more evident than one that need not
 # Over these a torque may swing any number of times: orders of what turns, waves of the road.
 _PERIODIC = {"wheel angle": (2.0 * np.pi,), "distance": tuple(np.geomspace(4.0, 60.0, 40))}
@@ -64,12 +59,12 @@ def disturbances(predictor: Predictor, fit: Fit, noise: Noise) -> list[Disturban
         noise: Of the channels.
     """
     runs, layout = predictor.runs, Layout(predictor.coordinates, len(predictor.runs))
-    healthy = [_Healthy(layout, r, fit, (run.stacked - fit.predicted[r]) / noise.least[r], noise.least[r])
+    healthy = [Healthy(layout, r, fit, (run.stacked - fit.predicted[r]) / noise.least[r], noise.least[r])
                for r, run in enumerate(runs)]
-    signals = [_signals(predictor, fit, r) for r in range(len(runs))]
-    supposed = {(place, name): _Torque(healthy, [h / scale[:, None] for h, scale in zip(slopes, noise.least)],
-                                       *_HEIGHTS[name])
-                for place in PLACES for name, slopes in _slopes(predictor, fit, place, signals).items()}
+    signals = [signals_of(predictor, fit, r) for r in range(len(runs))]
+    supposed = {(place, name): Torque(healthy, [h / scale[:, None] for h, scale in zip(slopes, noise.least)],
+                                       *HEIGHTS[name])
+                for place in PLACES for name, slopes in slopes_of(predictor, fit, place, signals).items()}
     # a plant of another structure is never right to the noise: errors count as what the best supposition leaves
     left = [own.leaves for own in healthy]
     for _ in range(2):
@@ -80,19 +75,19 @@ def disturbances(predictor: Predictor, fit: Fit, noise: Noise) -> list[Disturban
     found = []
     for place in PLACES:
         # a curve has to be more than a constant, and more than what goes with nothing
-        least = max(gains[place, "lasting"], gains[place, "constant"]) + _MORE
-        quick = max(_QUICK, key=lambda name, place=place: gains[place, name])
-        best = quick if gains[place, quick] > least else "lasting"
+        least = max(gains[place, LASTING], gains[place, CONSTANT]) + _MORE
+        quick = max(QUICK, key=lambda name, place=place: gains[place, name])
+        best = quick if gains[place, quick] > least else LASTING
         heights = supposed[place, best].solve(sizes[place, best], left)
         tables = []
         for r, (run, (mean, covariance)) in enumerate(zip(runs, heights)):
             at = _at_hats(run, signals[r])
-            pieces = np.eye(mean.size) if best == "lasting" else _pieces(best, at, signals)
-            deviation = np.sqrt(np.einsum("ij,jk,ik->i", pieces, covariance, pieces))
-            tables.append({"torque": pieces @ mean, "std": deviation, "run": np.full(len(pieces), float(r))} | at)
+            shown = np.eye(mean.size) if best == LASTING else pieces(best, at, signals)
+            deviation = np.sqrt(np.einsum("ij,jk,ik->i", shown, covariance, shown))
+            tables.append({"torque": shown @ mean, "std": deviation, "run": np.full(len(shown), float(r))} | at)
         table = {column: np.concatenate([t[column] for t in tables]) for column in tables[0]}
         found.append(Disturbance(place, gains[place, best], float(np.std(table["torque"])), table,
-                                 "" if best == "lasting" else best))
+                                 "" if best == LASTING else best))
     return sorted(found, key=lambda d: -d.gain)
 
 
@@ -176,167 +171,6 @@ def _shape(values: np.ndarray, torque: np.ndarray, name: str) -> str:
     if max(abs(line), abs(cube)) < 0.3:
         return "no straight line"
     return f"{'rises' if (cube if odd else line) > 0 else 'falls'}, {'steeper at the ends' if odd else 'evenly'}"
-
-
-# -- what is supposed ------------------------------------------------------------------------------
-
-
-def _alike(count: int) -> np.ndarray:
-    """Of the heights of a curve's knots."""
-    apart = np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
-    return np.exp(-apart / count) + 1e-9 * np.eye(count)
-
-
-# By what a torque goes: how the heights of its pieces correlate, and whether all runs have them in common.
-_HEIGHTS: dict[str, tuple[Callable[[int], np.ndarray], bool]] = {
-    "lasting": (lambda count: correlation(count, LASTS), False), "constant": (np.eye, True),
-    "wheel angle": (np.eye, False), **dict.fromkeys(FOLLOWED, (_alike, True))}
-_QUICK = ("wheel angle", *FOLLOWED)
-
-
-def _pieces(name: str, values: Mapping[str, np.ndarray], signals: Sequence[Mapping[str, np.ndarray]]) -> np.ndarray:
-    """What each piece of a torque that follows a variable is where it has some values: values x pieces.
-
-    Args:
-        name: The variable.
-        values: Of all variables.
-        signals: The same of every run, at every step; they say where the knots are.
-    """
-    x = values[name]
-    if name == "wheel angle":
-        return np.column_stack([np.cos(x), np.sin(x)])
-    low, high = np.quantile(np.concatenate([s[name] for s in signals]), (0.005, 0.995))
-    knots = np.linspace(low, high, _KNOTS)
-    return np.column_stack([np.interp(x, knots, row) for row in np.eye(_KNOTS)])
-
-
-def _slopes(predictor: Predictor, fit: Fit, place: str,
-            signals: Sequence[Mapping[str, np.ndarray]]) -> dict[str, list[np.ndarray]]:
-    """Of everything that is supposed at a place, per run, what a piece of unit height does to all channels."""
-    runs, push = predictor.runs, PLACES[place].size
-
-    def pushed(run: int, heights: np.ndarray) -> tuple[np.ndarray, int, tuple[str, np.ndarray]]:
-        return fit.points[run], run, (place, push * row(runs[run], heights))
-
-    slopes = {"lasting": list(predictor.by_hats(range(len(runs)), fit.predicted, pushed, push).values())}
-    jobs = [(name, r, torque) for name in _QUICK for r, own in enumerate(signals)
-            for torque in _pieces(name, own, signals).T]
-    found = predictor.many([(fit.points[r], r, (place, push * torque)) for _, r, torque in jobs])
-    for wanted in _QUICK:
-        slopes[wanted] = [np.column_stack([
-            np.zeros_like(fit.predicted[r]) if y is None else (y - fit.predicted[r]) / push
-            for (name, run, _), y in zip(jobs, found) if (name, run) == (wanted, r)]) for r in range(len(runs))]
-    slopes["constant"] = [own.sum(axis=1, keepdims=True) for own in slopes[FOLLOWED[0]]]
-    return slopes
-
-
-class _Healthy:
-    """One run as healthy cars may drive it, linearised: their numbers, slope, torque bias and wandering torque.
-
-    Args:
-        layout: Of the coordinates.
-        run: Which run.
-        fit: What is known to be wrong, with its derivatives.
-        residual: What it leaves, in units of the noise.
-        scale: The noise.
-
-    Attributes:
-        leaves: Mean square of the residual.
-        slopes: By the coordinates of the run, in units of the noise.
-        residual: What would be left with all coordinates 0.
-    """
-
-    def __init__(self, layout: Layout, run: int, fit: Fit, residual: np.ndarray, scale: np.ndarray) -> None:
-        columns = layout.columns[run]
-        self.leaves = float(np.mean(residual**2))
-        self.slopes = fit.tangents[run].jacobian / scale[:, None]
-        self.residual = residual + self.slopes @ fit.points[run][columns]
-        spread = prior(layout.coordinates, fit.causes)[layout.shared]
-        self.precision = block_diag(np.diag(1.0 / spread**2), layout.precision[run])
-        self.square, self.product = self.slopes.T @ self.slopes, self.slopes.T @ self.residual
-
-    def explain(self, left: float, product: np.ndarray) -> np.ndarray:
-        """The most probable coordinates for what has this product with the slopes."""
-        return cho_solve(cho_factor(self.square + left * self.precision), product)
-
-
-class _Torque:
-    """A torque that is supposed somewhere, in cars healthy otherwise; the heights of its pieces are normally
-    distributed.
-
-    Args:
-        healthy: Each run.
-        slopes: What the pieces do to it, in units of the noise.
-        alike: Number of pieces to the correlation of their heights.
-        shared: Whether all runs have the heights in common.
-    """
-
-    def __init__(self, healthy: Sequence[_Healthy], slopes: Sequence[np.ndarray],
-                 alike: Callable[[int], np.ndarray], shared: bool) -> None:
-        self.healthy, self.slopes = healthy, slopes
-        self.square = [h.T @ h for h in slopes]
-        self.product = [h.T @ own.residual for h, own in zip(slopes, healthy)]
-        self.cross = [own.slopes.T @ h for h, own in zip(slopes, healthy)]
-        runs = range(len(slopes))
-        self.groups = [list(runs)] if shared else [[r] for r in runs]
-        self.roots = [np.linalg.cholesky(alike(slopes[group[0]].shape[1])) for group in self.groups]
-        self._told: tuple[tuple[float, ...], list[tuple[np.ndarray, np.ndarray]]] = ((), [])
-
-    def _information(self, left: Sequence[float]) -> list[tuple[np.ndarray, np.ndarray]]:
-        """What each run says of the heights, whatever its coordinates are."""
-        if self._told[0] != tuple(left):
-            told = []
-            for r, (own, cross) in enumerate(zip(self.healthy, self.cross)):
-                explained = own.explain(left[r], np.column_stack([cross, own.product]))
-                told.append(((self.square[r] - cross.T @ explained[:, :-1]) / left[r],
-                             (self.product[r] - cross.T @ explained[:, -1]) / left[r]))
-            self._told = tuple(left), told
-        return self._told[1]
-
-    def _solved(self, size: float, left: Sequence[float]) -> list[tuple[np.ndarray, np.ndarray, float]]:
-        """Of each group of runs, mean and covariance of the heights, and log evidence."""
-        solved, told = [], self._information(left)
-        for group, root in zip(self.groups, self.roots):
-            root = size * root
-            inner = root.T @ sum(told[r][1] for r in group)
-            factor = cho_factor(np.eye(inner.size) + root.T @ sum(told[r][0] for r in group) @ root, lower=True)
-            evidence = 0.5 * float(inner @ cho_solve(factor, inner)) - float(np.sum(np.log(np.diag(factor[0]))))
-            solved.append((root @ cho_solve(factor, inner), root @ cho_solve(factor, root.T), evidence))
-        return solved
-
-    def gain(self, size: float, left: Sequence[float]) -> float:
-        """Log evidence over no torque if its pieces are of some size.
-
-        Args:
-            size: Standard deviation of the heights.
-            left: Of each run, by what the noise's variance is larger.
-        """
-        return sum(evidence for _, _, evidence in self._solved(size, left))
-
-    def solve(self, size: float, left: Sequence[float]) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Of each run, most probable heights and their covariance."""
-        solved = [(mean, covariance) for mean, covariance, _ in self._solved(size, left)]
-        return [heights for heights, group in zip(solved, self.groups) for _ in group]
-
-    def left(self, size: float, left: Sequence[float]) -> list[float]:
-        """Of each run, mean square of what is not explained, in units of the noise."""
-        found = []
-        for r, (own, (mean, _)) in enumerate(zip(self.healthy, self.solve(size, left))):
-            there = own.explain(left[r], own.product - self.cross[r] @ mean)
-            found.append(float(np.mean((own.residual - self.slopes[r] @ mean - own.slopes @ there) ** 2)))
-        return found
-
-
-def _signals(predictor: Predictor, fit: Fit, r: int) -> dict[str, np.ndarray]:
-    """What a torque could go with, at every step of a run."""
-    run = predictor.runs[r]
-    values, nuisance = predictor.values(fit.points[r], r)
-    raw = predictor.car.raw(values, run, nuisance)
-    return {
-        "speed": raw["vehicle_speed"], SHAFT_TORQUE: raw["propeller_shaft_torque"],
-        "twist": raw["axle_shaft_torque"] / (2.0 * values["axle_shaft.stiffness"]),
-        "time": run.time - run.start, "distance": np.cumsum(raw["vehicle_speed"]) * STEP,
-        "wheel angle": np.cumsum(raw["wheel_speed"]) * STEP}
 
 
 def _at_hats(run: Run, signals: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

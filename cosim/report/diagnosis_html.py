@@ -32,7 +32,7 @@ _HEADS = {"cause": "Cause found", "ambiguous": "Several causes possible", "unkno
           "none": "Nothing wrong"}
 _SAME, _CLOSE = 2.0, 3.0  # sigma: below, causes cannot be told apart, or hardly
 # What a missing torque may go with; where it is a force, and speeds are those of what moves along.
-_UNITS = {"speed": "m/s", "torque": "N.m", "twist": "rad", "wheel angle": "rad", "time": "s", "distance": "m"}
+_UNITS = {"speed": "m/s", "shaft torque": "N.m", "twist": "rad", "wheel angle": "rad", "time": "s", "distance": "m"}
 
 
 def render(diagnosis: Diagnosis) -> str:
@@ -61,8 +61,8 @@ def _unknown(unknown: Mapping[str, Any] | None) -> dict[str, Any] | None:
     if not unknown:
         return None
     what, unit = missing(unknown)
-    return {"place": unknown.get("place", unknown["balance"]), "what": what, "unit": _unit(unit), "size": unknown["size"],
-            "goes_with": goes_with(unknown)}
+    return {"place": unknown.get("place", unknown["balance"]), "what": what, "unit": _unit(unit),
+            "size": unknown["size"], "goes_with": goes_with(unknown)}
 
 
 def _words(name: str) -> str:

@@ -154,8 +154,9 @@ def missing(car, run, raw):
 @pytest.mark.parametrize("place", ["vehicle", "propeller shaft", "within the axle shafts"])
 def test_a_torque_nobody_knew_of_is_found_where_it_acts(car_and_run, place):
     car, run = car_and_run
-    # a slow torque within a shaft is not seen, and one on the pinion is one on the axle
-    frequency, alike = (0.5, 0.9) if place == "vehicle" else (2.0, 0.75)
+    # a slow torque within a shaft is not seen, and one on the pinion is one on the axle; of a quick one the numbers of
+    # healthy cars explain a part
+    frequency, alike = (0.5, 0.9) if place == "vehicle" else (2.0, 0.65)
     push = 3.0 * PLACES[place].size * np.sin(2.0 * np.pi * frequency * run.time)
     (first, *_), led = missing(car, run, car.pushed(car.values, run.free, Nuisance(), place, push))
     assert (first.place, first.follows) == (place, "")

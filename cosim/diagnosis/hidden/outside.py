@@ -35,7 +35,7 @@ class Outside:
 OUTSIDE = {
     "engine_mount_coupling": Outside(
         "the powertrain rolls on mounts that harden with torque, and the gearbox with it: so many times as far "
-        "as the mounts of the file would let it", "transmission", "torque", "1", (60.0, 240.0), 400.0),
+        "as the mounts of the file would let it", "transmission", "shaft torque", "1", (60.0, 240.0), 400.0),
     "hardening_axle_shafts": Outside(
         "the axle shafts stiffen with the cube of their twist", "axle", "twist", "N.m/rad3", (4e6, 1.5e7), 1e8),
     "warming_oil": Outside(
