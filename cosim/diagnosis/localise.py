@@ -25,6 +25,7 @@ from cosim.diagnosis.torques import CONSTANT, HEIGHTS, LASTING, QUICK, Healthy, 
 _SIZES = np.geomspace(0.05, 30.0, 10)  # of the torque looked for, in units of the place's
 _BINS = 12
 _MIXED, _PIECES = 8, 9  # orders of a torque's pieces, which are as many a run
+_TURNS = 0.3  # share of its range by which a curve has to go back to turn
 _LEAST = 0.1  # share of its variance: what goes with less of it than that, it does not go with
 _MORE = 5.0  # log evidence by which a torque that follows a variable has to be more evident than one that need not
 # Over these a torque may swing any number of times: orders of what turns, waves of the road.
@@ -165,6 +166,11 @@ def _shape(values: np.ndarray, torque: np.ndarray, name: str) -> str:
         power = [float(np.abs(np.mean(torque * np.exp(-2j * np.pi * values / length)))) for length in lengths]
         best = lengths[int(np.argmax(power))]
         return "a wave once a revolution" if name == "wheel angle" else f"a wave every {best:.0f} m"
+    steps = np.digitize(values, np.linspace(*np.quantile(values, (0.01, 0.99)), _BINS - 3))
+    means = [float(np.mean(torque[steps == k])) for k in np.unique(steps) if np.sum(steps == k) >= 3]
+    for way, level in (("falls, then rises", np.array(means)), ("rises, then falls", -np.array(means))):
+        if min(level[0], level[-1]) - level.min() > _TURNS * np.ptp(level):
+            return way
     x = (values - values.mean()) / (np.std(values) or 1.0)
     line, cube = (np.corrcoef(x**n, torque)[0, 1] for n in (1, 3))
     odd = abs(cube) > abs(line) + 0.02

@@ -195,6 +195,9 @@ def test_what_a_torque_goes_with():
              "run": np.repeat([0.0, 1.0], n // 2)}
     hard = {**table, "torque": 2e6 * table["twist"] ** 3 + random.standard_normal(n)}
     assert goes_with(hard)[0] == "twist" and "steeper" in goes_with(hard)[1]
+    for sign, shape in ((1.0, "falls, then rises"), (-1.0, "rises, then falls")):
+        bent = {**table, "torque": sign * 2e3 * (table["twist"] - 0.01) ** 2 + 0.1 * np.sin(np.arange(n))}
+        assert goes_with(bent)[:2] == ("twist", shape)
     wavy = {**table, "torque": 80.0 * np.sin(2.0 * np.pi * table["distance"] / 14.0) + random.standard_normal(n)}
     variable, shape, share = goes_with(wavy)
     assert variable == "distance" and "14 m" in shape and share > 0.9
