@@ -140,10 +140,9 @@ def _values(predictor: Predictor, fit: Fit, moved: int | None = None, step: floa
 
 
 def words(proposal: Proposal, one: Fit) -> str:
-    """Why it would help to tell a supposition from its rivals, in a sentence."""
+    """How to drive it beyond kind and gear, and why it would tell a supposition from its rivals."""
     def name(effects: Sequence[str]) -> str:
         return " with ".join(CATALOGUE[e].name.replace("_", " ") for e in effects) or "nothing wrong"
 
-    return (f"{proposal.kind.replace('_', ' ')} in gear {proposal.gear} to {proposal.torque:.0f} N.m from "
-            f"{3.6 * proposal.speed:.0f} km/h: {name(one.effects)} and {name(proposal.nearest.effects)} then differ by "
-            f"{proposal.separation_sigma:.1f} sigma")
+    return (f"to {proposal.torque:.0f} N.m from {3.6 * proposal.speed:.0f} km/h: {name(one.effects)} and "
+            f"{name(proposal.nearest.effects)} then differ by {proposal.separation_sigma:.1f} sigma")
