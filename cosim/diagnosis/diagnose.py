@@ -16,7 +16,7 @@ import numpy as np
 from cosim.diagnosis import extend, proposal
 from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.evidence import Layout
-from cosim.diagnosis.fitting import Fit
+from cosim.diagnosis.fitting import Fit, as_found
 from cosim.diagnosis.identify import Identification, Search
 from cosim.diagnosis.inverse import diagnose_inverse
 from cosim.diagnosis.localise import disturbances, goes_with
@@ -173,7 +173,7 @@ def _driveline(diagnosis: Diagnosis, car: FullOrderCar, out: Path | None, worker
         say("what a healthy car would have shown")
         nominal, healthy = _healthy(freely, found.noise)
         diagnosis.finding["wrong"] = [w.as_json() for w in wrong(runs, nominal, healthy)]
-        after = freely.all_runs([_as_found(predictor, found.best, point) for point in found.best.points]) or nominal
+        after = freely.all_runs([as_found(predictor, found.best, point) for point in found.best.points]) or nominal
     for run, before, then in zip(runs, nominal, after):
         for name, place in run.slices.items():
             diagnosis.traces[(run.name, name)] = (run.clocks[name], run.measured[name], before[place], then[place])
@@ -293,16 +293,9 @@ def _healthy(freely: Predictor, noise: Noise) -> tuple[list[np.ndarray], list[li
                       if y is not None] for r in range(len(freely.runs))]
 
 
-def _as_found(predictor: Predictor, fit: Fit, point: np.ndarray) -> np.ndarray:
-    """The coordinates of a run with the causes in them and its start speed, everything else as in the file."""
-    kept = {i for cause in fit.causes for i in predictor.index(cause)}
-    return np.array([x if i in kept or c.name == "start_speed" else 0.0
-                     for i, (c, x) in enumerate(zip(predictor.coordinates, point))])
-
-
 def _values(predictor: Predictor, fit: Fit) -> dict[str, float]:
     """Values with the supposed causes in them, and nothing else changed."""
-    return predictor.values(_as_found(predictor, fit, fit.shared), 0)[0]
+    return predictor.values(as_found(predictor, fit, fit.shared), 0)[0]
 
 
 def _localise(diagnosis: Diagnosis, predictor: Predictor, found: Identification) -> None:

@@ -19,7 +19,7 @@ def missing(unknown: Mapping[str, Any]) -> tuple[str, str]:
     return ("force", "N") if unknown["balance"] in _ALONG else ("torque", "N.m")
 
 
-def goes_with(unknown: Mapping[str, Any]) -> str:
+def goes_with_words(unknown: Mapping[str, Any]) -> str:
     """What the torque or force of an unknown effect goes with, in words."""
     variable = unknown["driving_variable"]
     return "nothing that was looked at" if variable == NOTHING else f"{variable.replace('_', ' ')}, {unknown['shape']}"

@@ -261,6 +261,13 @@ class Fitter:
         return Fit(causes, shared, points, predicted, [Tangent(t.jacobian, np.inf) for t in fit.tangents])
 
 
+def as_found(predictor: Predictor, fit: Fit, point: np.ndarray) -> np.ndarray:
+    """The coordinates of a run with the causes in them and its start speed, everything else as in the file."""
+    kept = {i for cause in fit.causes for i in predictor.index(cause)}
+    return np.array([x if i in kept or c.name == "start_speed" else 0.0
+                     for i, (c, x) in enumerate(zip(predictor.coordinates, point))])
+
+
 def log_prior(causes: Iterable[str]) -> float:
     """Log odds of a set of causes before anything was measured."""
     causes = list(causes)

@@ -10,7 +10,7 @@ by simulation and compared under one noise. ``docs/diagnosis.md`` says why.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -264,7 +264,7 @@ class Search:
     def _refined(self, fit: Fit, noise: Noise) -> Fit:
         return self.fitter.assess(self.fitter.refine(fit, noise, 3), self.noise)
 
-    def _challengers(self, leader: Fit, probes: Iterable[Fit], noise: Noise,
+    def _challengers(self, leader: Fit, probes: Sequence[Fit], noise: Noise,
                      count: int) -> dict[tuple[str, ...], float]:
         """Put into the pool what may explain more than the leader does under a noise; returns what was promised.
 
@@ -296,7 +296,7 @@ class Search:
         self.tried.update(stuck[:_RIVALS])
         return stuck[:_RIVALS]
 
-    def _probed(self, leader: Fit, probes: Iterable[Fit], noise: Noise) -> list[Fit]:
+    def _probed(self, leader: Fit, probes: Sequence[Fit], noise: Noise) -> list[Fit]:
         """The better probe of each cause, where it explains more than the leader does."""
         noise, _ = noise.heavy(self.fitter.residuals(leader.predicted))
         now = self.fitter.cost(noise, leader)

@@ -16,7 +16,6 @@ from cosim.diagnosis.evidence import Layout
 from cosim.diagnosis.finding import NOTHING
 from cosim.diagnosis.fitting import Fit
 from cosim.diagnosis.noise import Noise
-from cosim.diagnosis.plants import Run
 from cosim.diagnosis.plants.car import PLACES
 from cosim.diagnosis.plants.hats import hats
 from cosim.diagnosis.predict import Predictor
@@ -63,9 +62,10 @@ def disturbances(predictor: Predictor, fit: Fit, noise: Noise) -> list[Disturban
     healthy = [Healthy(layout, r, fit, (run.stacked - fit.predicted[r]) / noise.least[r], noise.least[r])
                for r, run in enumerate(runs)]
     signals = [signals_of(predictor, fit, r) for r in range(len(runs))]
+    followed = {name: [pieces(name, own, signals) for own in signals] for name in QUICK}
     supposed = {(place, name): Torque(healthy, [h / scale[:, None] for h, scale in zip(slopes, noise.least)],
-                                       *HEIGHTS[name])
-                for place in PLACES for name, slopes in slopes_of(predictor, fit, place, signals).items()}
+                                      *HEIGHTS[name])
+                for place in PLACES for name, slopes in slopes_of(predictor, fit, place, followed).items()}
     # a plant of another structure is never right to the noise: errors count as what the best supposition leaves
     left = [own.leaves for own in healthy]
     for _ in range(2):
@@ -73,6 +73,8 @@ def disturbances(predictor: Predictor, fit: Fit, noise: Noise) -> list[Disturban
                  for which, torque in supposed.items()}
         left = [max(1.0, min(leaves)) for leaves in zip(*(t.left(sizes[which], left) for which, t in supposed.items()))]
     gains = {which: torque.gain(sizes[which], left) for which, torque in supposed.items()}
+    at_hats = [{name: np.interp(hats(run), run.time, signal) for name, signal in own.items()}
+               for run, own in zip(runs, signals)]
     found = []
     for place in PLACES:
         # a curve has to be more than a constant, and more than what goes with nothing
@@ -81,8 +83,7 @@ def disturbances(predictor: Predictor, fit: Fit, noise: Noise) -> list[Disturban
         best = quick if gains[place, quick] > least else LASTING
         heights = supposed[place, best].solve(sizes[place, best], left)
         tables = []
-        for r, (run, (mean, covariance)) in enumerate(zip(runs, heights)):
-            at = _at_hats(run, signals[r])
+        for r, (at, (mean, covariance)) in enumerate(zip(at_hats, heights)):
             shown = np.eye(mean.size) if best == LASTING else pieces(best, at, signals)
             deviation = np.sqrt(np.einsum("ij,jk,ik->i", shown, covariance, shown))
             tables.append({"torque": shown @ mean, "std": deviation, "run": np.full(len(shown), float(r))} | at)
@@ -109,8 +110,8 @@ def goes_with(table: Mapping[str, np.ndarray], follows: str = "") -> tuple[str, 
     for _ in range(_MIXED):
         one = torque.copy()
         for own in runs:
-            pieces = np.array_split(own, _PIECES)
-            one[own] = torque[np.concatenate([pieces[k] for k in random.permutation(_PIECES)])]
+            parts = np.array_split(own, _PIECES)
+            one[own] = torque[np.concatenate([parts[k] for k in random.permutation(_PIECES)])]
         mixed.append(one)
     scores = {}
     for name, values in table.items():
@@ -177,7 +178,3 @@ def _shape(values: np.ndarray, torque: np.ndarray, name: str) -> str:
     if max(abs(line), abs(cube)) < 0.3:
         return "no straight line"
     return f"{'rises' if (cube if odd else line) > 0 else 'falls'}, {'steeper at the ends' if odd else 'evenly'}"
-
-
-def _at_hats(run: Run, signals: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    return {name: np.interp(hats(run), run.time, signal) for name, signal in signals.items()}

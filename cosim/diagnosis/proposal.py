@@ -10,7 +10,7 @@ import numpy as np
 
 from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.evidence import HETEROGENEITY
-from cosim.diagnosis.fitting import Fit
+from cosim.diagnosis.fitting import Fit, as_found
 from cosim.diagnosis.noise import Noise
 from cosim.diagnosis.plants import SETTLE, STEP, FullOrderCar, Nuisance, Run
 from cosim.diagnosis.plants.car import ANCHORS
@@ -110,9 +110,9 @@ def _separations(predictor: Predictor, floors: Mapping[str, float], run: Run, on
 
     def moved(fit: Fit, there: np.ndarray, width: Callable[[Coordinate], float]) -> list[np.ndarray]:
         """What a fit's causes do as they move by their widths, in units of the noise."""
-        own = [i for cause in fit.causes for i in predictor.index(cause) if predictor.coordinates[i].run is None]
+        own = [(i, predictor.coordinates[i]) for cause in fit.causes for i in predictor.index(cause)]
         return [(car.predict(_values(predictor, fit, i, c.step), run) - there) / scale * (width(c) / c.step)
-                for i in own for c in (predictor.coordinates[i],)]
+                for i, c in own if c.run is None]
 
     imitating = [(car.predict(mine, run, Nuisance(**{name: step})) - base) / scale * (spread / step)
                  for name, (spread, step) in RUN_NUISANCES.items()]
@@ -130,10 +130,7 @@ def _separations(predictor: Predictor, floors: Mapping[str, float], run: Run, on
 
 def _values(predictor: Predictor, fit: Fit, moved: int | None = None, step: float = 0.0) -> dict[str, float]:
     """Values with the supposed causes in them and nothing else changed, one coordinate moved."""
-    point = np.zeros(len(predictor.coordinates))
-    for cause in fit.causes:
-        for i in predictor.index(cause):
-            point[i] = fit.shared[i]
+    point = as_found(predictor, fit, fit.shared)
     if moved is not None:
         point[moved] += step
     return predictor.values(point, 0)[0]

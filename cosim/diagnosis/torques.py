@@ -8,6 +8,7 @@ its evidence follow in closed form, beside everything that healthy cars may diff
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
@@ -65,25 +66,31 @@ def pieces(name: str, values: Mapping[str, np.ndarray], signals: Sequence[Mappin
         return np.column_stack([np.cos(x), np.sin(x)])
     low, high = np.quantile(np.concatenate([s[name] for s in signals]), (0.005, 0.995))
     knots = np.linspace(low, high, _KNOTS)
-    return np.column_stack([np.interp(x, knots, row) for row in np.eye(_KNOTS)])
+    return np.column_stack([np.interp(x, knots, heights) for heights in np.eye(_KNOTS)])
 
 
 def slopes_of(predictor: Predictor, fit: Fit, place: str,
-            signals: Sequence[Mapping[str, np.ndarray]]) -> dict[str, list[np.ndarray]]:
-    """Of everything that is supposed at a place, per run, what a piece of unit height does to all channels."""
+              followed: Mapping[str, Sequence[np.ndarray]]) -> dict[str, list[np.ndarray]]:
+    """Of everything that is supposed at a place, per run, what a piece of unit height does to all channels.
+
+    Args:
+        predictor: Of the runs.
+        fit: What is known to be wrong.
+        place: Of ``PLACES``.
+        followed: For every variable of ``QUICK``, of each run, the pieces of a torque that follows it, at every step.
+    """
     runs, push = predictor.runs, PLACES[place].size
 
     def pushed(run: int, heights: np.ndarray) -> tuple[np.ndarray, int, tuple[str, np.ndarray]]:
         return fit.points[run], run, (place, push * row(runs[run], heights))
 
     slopes = {LASTING: list(predictor.by_hats(range(len(runs)), fit.predicted, pushed, push).values())}
-    jobs = [(name, r, torque) for name in QUICK for r, own in enumerate(signals)
-            for torque in pieces(name, own, signals).T]
-    found = predictor.many([(fit.points[r], r, (place, push * torque)) for _, r, torque in jobs])
-    for wanted in QUICK:
-        slopes[wanted] = [np.column_stack([
-            np.zeros_like(fit.predicted[r]) if y is None else (y - fit.predicted[r]) / push
-            for (name, run, _), y in zip(jobs, found) if (name, run) == (wanted, r)]) for r in range(len(runs))]
+    moved = iter(predictor.many([(fit.points[r], r, (place, push * torque)) for per_run in followed.values()
+                                 for r, shown in enumerate(per_run) for torque in shown.T]))
+    for name, per_run in followed.items():
+        slopes[name] = [np.column_stack([
+            np.zeros_like(predicted) if y is None else (y - predicted) / push
+            for y in itertools.islice(moved, shown.shape[1])]) for predicted, shown in zip(fit.predicted, per_run)]
     slopes[CONSTANT] = [own.sum(axis=1, keepdims=True) for own in slopes[FOLLOWED[0]]]
     return slopes
 

@@ -13,7 +13,7 @@ from markupsafe import Markup
 
 from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.features import WITH_RINGING, WITHOUT_PLACE
-from cosim.diagnosis.finding import goes_with, joint_probability, missing
+from cosim.diagnosis.finding import goes_with_words, joint_probability, missing
 from cosim.measured import CANONICAL
 from cosim.report import svg
 
@@ -31,7 +31,7 @@ _SENSORS = {"engine_speed": "engine", "turbine_speed": "transmission", "vehicle_
 _HEADS = {"cause": "Cause found", "ambiguous": "Several causes possible", "unknown": "Unknown cause",
           "none": "Nothing wrong"}
 _SAME, _CLOSE = 2.0, 3.0  # sigma: below, causes cannot be told apart, or hardly
-# What a missing torque may go with; where it is a force, and speeds are those of what moves along.
+# Of what a missing torque may go with.
 _UNITS = {"speed": "m/s", "shaft torque": "N.m", "twist": "rad", "wheel angle": "rad", "time": "s", "distance": "m"}
 
 
@@ -62,7 +62,7 @@ def _unknown(unknown: Mapping[str, Any] | None) -> dict[str, Any] | None:
         return None
     what, unit = missing(unknown)
     return {"place": unknown.get("place", unknown["balance"]), "what": what, "unit": _unit(unit),
-            "size": unknown["size"], "goes_with": goes_with(unknown)}
+            "size": unknown["size"], "goes_with": goes_with_words(unknown)}
 
 
 def _words(name: str) -> str:
@@ -110,7 +110,7 @@ def _headline(finding: Mapping[str, Any]) -> str:
         if not unknown:
             return "The simulation is wrong, and no known effect explains it"
         return (f"A {missing(unknown)[0]} at the {unknown['balance']} is missing that no known effect explains: it "
-                f"goes with {goes_with(unknown)}")
+                f"goes with {goes_with_words(unknown)}")
     return "Nothing is significantly wrong: what differs, tolerance and noise explain"
 
 
