@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 
 from cosim.diagnosis import extend, proposal
+from cosim.diagnosis.bench import diagnose_bench
 from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.evidence import Layout
 from cosim.diagnosis.fitting import Fit, as_found
 from cosim.diagnosis.identify import Identification, Search
-from cosim.diagnosis.inverse import diagnose_inverse
 from cosim.diagnosis.localise import disturbances, goes_with
 from cosim.diagnosis.noise import Noise
 from cosim.diagnosis.plants import FullOrderCar, InstrumentedPlant, RigidPlant, Run, plant_for
@@ -142,7 +142,7 @@ def _notices(car: InstrumentedPlant, runs: list[Run], reserved: list[Run]) -> li
 
 def _bench(diagnosis: Diagnosis, car: RigidPlant, out: Path | None, say: Callable[[str], None]) -> None:
     """A bench whose motion was measured says by itself which torque it needs."""
-    found = diagnose_inverse(car, diagnosis.runs, diagnosis.reserved, say)
+    found = diagnose_bench(car, diagnosis.runs, diagnosis.reserved, say)
     diagnosis.finding = {"extension": None, **found.finding}
     diagnosis.traces, diagnosis.notices = found.traces, [*diagnosis.notices, *found.notices]
     diagnosis.suspects = [{"effect": name, "probability": share} for name, share in found.probabilities.items()]

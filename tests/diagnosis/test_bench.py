@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cosim.diagnosis.bench import diagnose_bench
 from cosim.diagnosis.catalogue import CATALOGUE, effect, shown_by
-from cosim.diagnosis.inverse import diagnose_inverse
 from cosim.diagnosis.plants import Bench, FullOrderCar, SingleMass, plant_for
 from cosim.diagnosis.regression import Band, block_sums, dependence, least_squares, paired, relative_error
 from cosim.measured import load
@@ -232,13 +232,13 @@ def test_blocks_decide_by_how_often_not_by_how_much():
 
 def test_nothing_wrong_is_none(tmp_path):
     plant, runs = made_up(tmp_path)
-    found = diagnose_inverse(plant, runs[:-1], runs[-1:])
+    found = diagnose_bench(plant, runs[:-1], runs[-1:])
     assert found.finding["verdict"] == "none" and not found.finding["causes"] and not found.finding["wrong"]
 
 
 def test_heavier_load_and_a_zero_are_named_with_their_sizes_and_the_gain_is_there(tmp_path):
     plant, runs = made_up(tmp_path, inertia=4.0e-5, zero=0.02)
-    found = diagnose_inverse(plant, runs[:-1], runs[-1:])
+    found = diagnose_bench(plant, runs[:-1], runs[-1:])
     assert found.finding["verdict"] == "cause"
     assert set(named(found.finding)) == {"wheel_inertia", "torque_meter_offset"}
     for name, true in (("wheel_inertia", 4.0e-5), ("inline_torque_offset", 0.02)):
@@ -254,10 +254,10 @@ def test_heavier_load_and_a_zero_are_named_with_their_sizes_and_the_gain_is_ther
 
 def test_a_rotor_is_told_from_a_load_by_the_inline_sensor_and_by_nothing_else(tmp_path):
     plant, runs = made_up(tmp_path, rotor=10.5e-5)
-    assert named(diagnose_inverse(plant, runs).finding) == ["engine_inertia"]
+    assert named(diagnose_bench(plant, runs).finding) == ["engine_inertia"]
     (tmp_path / "b").mkdir()
     plant, runs = made_up(tmp_path / "b", rotor=10.5e-5, inline=False)
-    finding = diagnose_inverse(plant, runs).finding
+    finding = diagnose_bench(plant, runs).finding
     assert finding["verdict"] == "ambiguous"
     one = {finding["causes"][0]["effect"]} | {e for rival in finding["ambiguous_with"] for e in rival["effects"]}
     assert {"engine_inertia", "wheel_inertia"} <= one
@@ -267,7 +267,7 @@ def test_a_rotor_is_told_from_a_load_by_the_inline_sensor_and_by_nothing_else(tm
 
 def test_a_torque_over_the_angle_that_no_effect_makes_is_unknown_and_placed(tmp_path):
     plant, runs = made_up(tmp_path, extra=lambda time, angle, speed: 0.08 * np.sin(angle / np.abs(angle).max() * 4.0))
-    finding = diagnose_inverse(plant, runs).finding
+    finding = diagnose_bench(plant, runs).finding
     assert finding["verdict"] == "unknown" and not named(finding)
     assert finding["unknown"]["balance"] == "motor" and finding["unknown"]["driving_variable"] == "position"
     assert finding["unknown"]["size"] == pytest.approx(0.16, rel=0.3)
@@ -280,7 +280,7 @@ def test_a_torque_over_the_angle_that_no_effect_makes_is_unknown_and_placed(tmp_
 def test_dyno_run_a_has_nothing_wrong_but_the_inline_zero(tmp_path):
     found = measurement(tmp_path, DYNO, "dyno_run_a")
     plant = plant_for(found)
-    finding = diagnose_inverse(plant, plant.runs(found)).finding
+    finding = diagnose_bench(plant, plant.runs(found)).finding
     assert finding["verdict"] == "cause" and named(finding) == ["torque_meter_offset"]
     assert parameter(finding, "inline_torque_offset")["value"] == pytest.approx(-0.04, abs=0.004)
 
@@ -290,7 +290,7 @@ def test_dyno_run_b_has_a_heavier_load_by_either_channel(tmp_path):
     found = measurement(tmp_path, DYNO, "dyno_run_b")
     plant = plant_for(found)
     runs = plant.runs(found)
-    result = diagnose_inverse(plant, runs[:-1], runs[-1:])
+    result = diagnose_bench(plant, runs[:-1], runs[-1:])
     assert result.finding["verdict"] == "cause"
     assert set(named(result.finding)) == {"wheel_inertia", "torque_meter_offset"}
     assert parameter(result.finding, "inline_torque_offset")["value"] == pytest.approx(-0.04, abs=0.004)
@@ -301,7 +301,7 @@ def test_dyno_run_b_has_a_heavier_load_by_either_channel(tmp_path):
     without = [dataclasses.replace(run, clocks={n: c for n, c in run.clocks.items() if n != "inline_torque"},
                                    measured={n: c for n, c in run.measured.items() if n != "inline_torque"})
                for run in runs]
-    finding = diagnose_inverse(plant, without).finding
+    finding = diagnose_bench(plant, without).finding
     assert finding["verdict"] == "ambiguous"
     alone = parameter(finding, "wheel_inertia")
     assert alone["value"] - alone["nominal"] == pytest.approx(2.9e-5, rel=0.1)
@@ -374,7 +374,7 @@ def test_emps_diagnosed_on_the_reference_gains_on_the_pulses(tmp_path):
     plant = plant_for(found)
     runs = plant.runs(found)
     reference, pulses = ([run for run in runs if word in run.name] for word in ("reference", "pulses"))
-    finding = diagnose_inverse(plant, reference, pulses).finding
+    finding = diagnose_bench(plant, reference, pulses).finding
     assert finding["verdict"] == "cause"
     assert "asymmetric_friction" in named(finding)
     assert set(named(finding)) <= {"asymmetric_friction", "engine_torque_offset"}  # which had stood in for it
