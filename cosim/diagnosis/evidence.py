@@ -86,9 +86,11 @@ class Slopes:
     """
 
     def __init__(self, layout: Layout, run: int, jacobian: np.ndarray) -> None:
-        self.layout, self.run, self.jacobian = layout, run, jacobian
+        # squares of what is known to a part in a thousand: rounded to single precision, causes that do the same
+        # would differ by what none of them does
+        self.layout, self.run, self.jacobian = layout, run, jacobian.astype(float)
         own = layout.own[run]
-        square = (self.jacobian.T @ self.jacobian).astype(float)
+        square = self.jacobian.T @ self.jacobian
         n = layout.shared.size
         self.square, self.n = square, n
         matrix = square[n:, n:] + layout.precision[run]
@@ -107,8 +109,8 @@ class Slopes:
     def seen(self, residual: np.ndarray, point: np.ndarray) -> Seen:
         """What the run says, given its whitened residual at a point of all coordinates."""
         there = point[self.layout.columns[self.run]]
-        product = self.jacobian.T @ residual.astype(np.float32)
-        vector = product.astype(float) + self.square @ there
+        product = self.jacobian.T @ residual
+        vector = product + self.square @ there
         length = float(residual @ residual) + 2.0 * float(product @ there) + float(there @ self.square @ there)
         own = vector[self.n:]
         b = vector[:self.n] - self.cross.T @ (self.inverse @ own)

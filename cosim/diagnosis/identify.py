@@ -118,7 +118,9 @@ class Search:
         A small step that way is no way there: on it the old cause is missing already and the new one not there.
         """
         placed = self.fitter.placed(best, causes, *self.fitter.most_probable(evidence, causes))
-        return placed or Fit(causes, best.shared, best.points, best.predicted, best.tangents)
+        if placed is None:
+            return Fit(causes, best.shared, best.points, best.predicted, best.tangents)
+        return self.fitter.as_meant(placed, best, self.noise)
 
     def size(self, fit: Fit, cause: str) -> float:
         """How large a cause is, in detection limits."""
