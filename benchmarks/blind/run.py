@@ -127,7 +127,7 @@ def _cluster(workers: int, cluster: str | None, count: int) -> Iterator[str | No
         from distributed import LocalCluster
     except ImportError as error:
         raise InputError("more than one worker needs dask: pip install -e '.[blind]'") from error
-    with LocalCluster(min(workers, count), threads_per_worker=1, dashboard_address=None,
+    with LocalCluster(min(workers, count), threads_per_worker=1, dashboard_address=":0",
                       silence_logs=logging.ERROR) as local:
         yield local.scheduler_address
 

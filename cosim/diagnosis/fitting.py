@@ -11,7 +11,7 @@ from cosim.diagnosis.evidence import Evidence, Layout, Posterior, Slopes, prior
 from cosim.diagnosis.noise import Noise
 from cosim.diagnosis.predict import Predictor
 
-FIRST, FURTHER = -8.0, -25.0  # log odds that a given effect is there, as the first and beside others
+FIRST, FURTHER = -8.0, -15.0  # log odds that a given effect is there, as the first and beside others
 SECOND_PARAMETER = -3.0  # and that a second parameter of an effect is off as well
 _ENSEMBLE = 8  # simulations with a wandering torque
 _SETTLED = 1.0  # log evidence that a fit with new derivatives may still gain
@@ -252,8 +252,9 @@ class Fitter:
 
     def renewed(self, fit: Fit, noise: Noise, everything: bool = True) -> Fit:
         """Refined with derivatives of its own, and judged by these; settled where they gained no more."""
-        was = fit.score
-        fit = self.refine(self.relinearise(fit, everything), noise)
+        fit = self.assess(self.relinearise(fit, everything), noise)
+        was = fit.score  # by the derivatives it had before it may have seemed better
+        fit = self.refine(fit, noise)
         fit = self.assess(replace(fit, tangents=[tangent.straight for tangent in fit.tangents]), noise)
         fit.settled = everything and fit.score - was < _SETTLED
         return fit

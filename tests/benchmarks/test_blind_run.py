@@ -114,7 +114,7 @@ def test_a_cluster_finds_what_one_process_does(here, tmp_path):
     distributed = pytest.importorskip("distributed", reason="dask is not installed: extra `blind`")
     _, chosen, one = here
     with distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False,
-                                  dashboard_address=None) as cluster:
+                                  dashboard_address=":0") as cluster:
         found = blind.run(chosen[:2], tmp_path, cluster=cluster.scheduler_address, method=FAKE)
     assert timeless(found) == timeless(one[:2])
 
