@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -11,13 +11,12 @@ from cosim.diagnosis.evidence import Evidence, Layout, Posterior, Slopes, prior
 from cosim.diagnosis.noise import Noise
 from cosim.diagnosis.predict import Predictor
 
-FIRST, FURTHER = -8.0, -15.0  # log odds that a given effect is there, as the first and beside others
+FIRST, FURTHER = -8.0, -25.0  # log odds that a given effect is there, as the first and beside others
 SECOND_PARAMETER = -3.0  # and that a second parameter of an effect is off as well
 _ENSEMBLE = 8  # simulations with a wandering torque
 _SETTLED = 1.0  # log evidence that a fit with new derivatives may still gain
 _BENT = 2.0  # squared distance [sigma] between a run and its tangent at which derivatives are renewed
 _JUDGED = 2.0  # power of the heavy tail where suppositions are compared
-_CORRECTIONS = 2  # of a start
 _ROUNDS = 3  # of new derivatives for a fit
 
 
@@ -28,21 +27,10 @@ class Tangent:
     Attributes:
         jacobian: Samples x ``Layout.columns`` of the run.
         bent: What moves since they were taken have shown beyond them: squared distance [sigma].
-        taken: The same as they were simulated, before any move corrected them; None: as ``jacobian``.
     """
 
     jacobian: np.ndarray = field(repr=False)
     bent: float = 0.0
-    taken: np.ndarray | None = field(default=None, repr=False)
-
-    @property
-    def straight(self) -> Tangent:
-        """As they were simulated.
-
-        A correction goes to what has moved, and not to what does the same: after it, one cannot take the other's
-        place.
-        """
-        return self if self.taken is None else Tangent(self.taken, self.bent)
 
     def moved(self, step: np.ndarray, change: np.ndarray, scale: np.ndarray, noise: Noise, run: int) -> Tangent:
         """After a step that changed the prediction: derivatives corrected along the step (Broyden 1965).
@@ -57,8 +45,7 @@ class Tangent:
             return self
         missed = change - self.jacobian @ step
         bent = self.bent + float(np.sum(noise.whiten(run, missed) ** 2))
-        return Tangent(self.jacobian + np.outer(missed, direction / length).astype(np.float32), bent,
-                       self.straight.jacobian)
+        return Tangent(self.jacobian + np.outer(missed, direction / length).astype(np.float32), bent)
 
 
 @dataclass
@@ -214,7 +201,7 @@ class Fitter:
                     continue
                 # even where nothing is gained something is learnt
                 learnt = self._bent(tangents[r], point - fit.points[r], y - fit.predicted[r], noise, r)
-                tangents[r] = replace(learnt, bent=tangents[r].bent)
+                tangents[r] = Tangent(learnt.jacobian, tangents[r].bent)
                 if self.run_cost(noise, r, y, shared, point) < staying[r]:
                     tangents[r] = learnt
                     points[r], predicted[r] = point, y
@@ -245,17 +232,15 @@ class Fitter:
                       if (i not in self.numbers if everything else i in needed)]
                   for r, tangent in enumerate(tangents) if tangent.bent > _BENT}
         for (r, renewed), part in zip(wanted.items(), self.predictor.jacobian(fit.points, fit.predicted, wanted)):
-            jacobian = tangents[r].straight.jacobian.copy()
+            jacobian = tangents[r].jacobian.copy()
             jacobian[:, np.isin(self.layout.columns[r], renewed)] = part
             tangents[r] = Tangent(jacobian, 0.0 if everything else tangents[r].bent)
         return Fit(fit.causes, fit.shared, fit.points, fit.predicted, tangents)
 
     def renewed(self, fit: Fit, noise: Noise, everything: bool = True) -> Fit:
-        """Refined with derivatives of its own, and judged by these; settled where they gained no more."""
-        fit = self.assess(self.relinearise(fit, everything), noise)
-        was = fit.score  # by the derivatives it had before it may have seemed better
-        fit = self.refine(fit, noise)
-        fit = self.assess(replace(fit, tangents=[tangent.straight for tangent in fit.tangents]), noise)
+        """Refined with derivatives of its own; settled where they gained no more."""
+        was = fit.score
+        fit = self.assess(self.refine(self.relinearise(fit, everything), noise), noise)
         fit.settled = everything and fit.score - was < _SETTLED
         return fit
 
@@ -274,45 +259,6 @@ class Fitter:
         if predicted is None:
             return None
         return Fit(causes, shared, points, predicted, [Tangent(t.jacobian, np.inf) for t in fit.tangents])
-
-    def as_meant(self, start: Fit, base: Fit, noise: Noise) -> Fit:
-        """A start moved in its new causes to where it does what the derivatives of ``base`` said it would do.
-
-        No cause is straight over the whole way to where it stands alone for another; refined from there, it would
-        meet flanks that are not the right ones.
-        """
-        new = [i for cause in start.causes if cause not in base.causes for i in self.predictor.index(cause)
-               if self.coordinates[i].run is None]
-        runs, columns, place = range(len(self.measured)), self.layout.columns, np.searchsorted(self.layout.shared, new)
-        meant = [base.predicted[r] + base.tangents[r].jacobian @ (start.points[r] - base.points[r])[columns[r]]
-                 for r in runs]
-        heavy, _ = noise.heavy([start.predicted[r] - meant[r] for r in runs])
-
-        def off(fit: Fit) -> np.ndarray:
-            return np.concatenate([heavy.whiten(r, fit.predicted[r] - meant[r]) for r in runs])
-
-        slopes = np.concatenate([heavy.whiten(r, base.tangents[r].jacobian[:, place]) for r in runs])
-        step, error = start.shared[new] - base.shared[new], off(start)
-        bent = error
-        for _ in range(_CORRECTIONS):
-            if not step.any():
-                break
-            direction = step / self.scale[new] ** 2  # as tangents do that have moved
-            slopes = slopes + np.outer(bent, direction / (step @ direction))
-            step = np.linalg.lstsq(slopes, -error, rcond=None)[0]
-            shared, *points = (self._within(vector, new, step) for vector in (start.shared, *start.points))
-            moved = self.placed(base, start.causes, shared, points)
-            if moved is None or np.linalg.norm(left := off(moved)) >= np.linalg.norm(error):
-                break
-            step = shared[new] - start.shared[new]
-            start, error, bent = moved, left, left - error - slopes @ step
-        return start
-
-    def _within(self, point: np.ndarray, places: Sequence[int], step: np.ndarray) -> np.ndarray:
-        """Some coordinates moved, as far as is plausible."""
-        point = point.copy()
-        point[places] = np.clip(point[places] + step, self.low[places], self.high[places])
-        return point
 
 
 def as_found(predictor: Predictor, fit: Fit, point: np.ndarray) -> np.ndarray:

@@ -116,13 +116,9 @@ class Search:
         """Where the fit of a supposition begins: where it would be if the tangents of another one's were right.
 
         A small step that way is no way there: on it the old cause is missing already and the new one not there.
-        Where a cause is only missing it begins where the other one is, and goes from there as far as it is better.
         """
-        if not set(causes) < set(best.causes):
-            placed = self.fitter.placed(best, causes, *self.fitter.most_probable(evidence, causes))
-            if placed is not None:
-                return self.fitter.as_meant(placed, best, self.noise)
-        return Fit(causes, best.shared, best.points, best.predicted, best.tangents)
+        placed = self.fitter.placed(best, causes, *self.fitter.most_probable(evidence, causes))
+        return placed or Fit(causes, best.shared, best.points, best.predicted, best.tangents)
 
     def size(self, fit: Fit, cause: str) -> float:
         """How large a cause is, in detection limits."""

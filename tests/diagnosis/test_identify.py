@@ -110,23 +110,6 @@ def test_derivatives_follow_a_step_and_tell_how_far_they_were_off():
     assert moved.jacobian @ step == pytest.approx(change, abs=1e-4)
     assert moved.bent == pytest.approx(np.sum(noise.whiten(0, change - jacobian @ step) ** 2))
     assert Tangent(jacobian).moved(0.0 * step, change, np.ones(4), noise, 0).bent == 0.0
-    again = moved.moved(-step, change, np.ones(4), noise, 0).straight
-    assert np.array_equal(again.jacobian, jacobian) and again.bent > moved.bent
-
-
-def test_a_start_does_what_the_derivatives_it_was_made_of_said():
-    """The size of the wave grows as an exponential, by more than its slope says."""
-    search = Search(Plant({}), lambda text: None)
-    fitter, base = search.fitter, search.fitter.nominal()
-    far = np.zeros(len(search.coordinates))
-    far[1] = 0.8
-    start = fitter.placed(base, ("size",), far, [far] * RUNS)
-    meant = fitter.as_meant(start, base, fitter.noise(base))
-    slope = np.array([(point - at) @ (y - before) for point, at, y, before in zip(
-        (1.8 * y for y in base.predicted), base.predicted, meant.predicted, base.predicted)])
-    assert meant.shared[1] == pytest.approx(np.log(1.8), abs=0.02) and np.all(slope > 0.0)
-    assert all(point[1] == meant.shared[1] for point in meant.points)
-    assert fitter.as_meant(start, start, fitter.noise(base)) is start
 
 
 def test_a_run_that_nothing_explains_counts_for_less():
