@@ -42,7 +42,7 @@ class BenchDiagnosis:
 
 
 def diagnose_bench(plant: RigidPlant, runs: Sequence[Run], reserved: Sequence[Run] = (),
-                     say: Callable[[str], None] = lambda text: None) -> BenchDiagnosis:
+                   say: Callable[[str], None] = lambda text: None) -> BenchDiagnosis:
     """Diagnose a bench.
 
     Args:
@@ -60,7 +60,7 @@ def diagnose_bench(plant: RigidPlant, runs: Sequence[Run], reserved: Sequence[Ru
         inverse.relinearise(tried[0])
         tried = inverse.search()
     best, tried = _proved(inverse, tried)
-    shares = {name: 0.0 for name in inverse.effects} | _shares(tried)
+    shares = dict.fromkeys(inverse.effects, 0.0) | _shares(tried)
     rivals = _rivals(tried, best)
     close = [rival for rival in rivals if rival["separation_sigma"] < APART]
     share, unknown = _unknown(inverse)
@@ -155,7 +155,7 @@ def _rivals(tried: Sequence[Supposition], best: Supposition) -> list[dict[str, A
 def _wrong(inverse: Inverse) -> list[dict[str, Any]]:
     """What the vehicle file gets wrong of each channel: its zero, its size, its course."""
     units = {v.name: v.unit for v in (*inverse.plant.plant.inputs, *inverse.plant.plant.output_variables)}
-    where = f"{', '.join(dict.fromkeys(run.name for run in inverse.runs))}"
+    where = ", ".join(dict.fromkeys(run.name for run in inverse.runs))
     healthy, everything = inverse.predicted_errors(()), inverse.predicted_errors(inverse.effects)
     nominal, missing = inverse.needed(inverse.plant.values), inverse.missing_within(())
     found = []

@@ -86,8 +86,8 @@ class Slopes:
     """
 
     def __init__(self, layout: Layout, run: int, jacobian: np.ndarray) -> None:
-        # squares of what is known to a part in a thousand: rounded to single precision, causes that do the same
-        # would differ by what none of them does
+        # derivatives come in single precision; their squares, rounded so as well, may say less than nothing of what
+        # tells two nearly equal causes apart
         self.layout, self.run, self.jacobian = layout, run, jacobian.astype(float)
         own = layout.own[run]
         square = self.jacobian.T @ self.jacobian

@@ -109,7 +109,7 @@ def test_no_workers_are_refused():
 def test_a_cluster_gives_the_same_numbers():
     distributed = pytest.importorskip("distributed", reason="dask is not installed: extra `cluster`")
     with distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False,
-                                  dashboard_address=None) as cluster:
+                                  dashboard_address=":0") as cluster:
         found = Sweep(cluster=cluster.scheduler_address).run(cases())
     assert found == Sweep(workers=1).run(cases())
 
