@@ -8,6 +8,8 @@ How a finding is read:
 - *named*: what explains it together, as ``together`` says; the first, where a method does not say that. Such effects
   divide their probability.
 - *confidently wrong*: ``cause`` as the verdict, what is named has 80 % or more together, and not all of it is there.
+- *as large as the recordings show*: every hidden effect is beyond what ``would_show`` of the finding says would have
+  been named had it been alone. Where that is not known (effects that do nothing while small) a case counts for neither.
 - errors of parameters are those of hidden ones whose effect is among the named: |found/true - 1| of a factor,
   |found - true|/|true| of a shift. Intervals are asked of every parameter of such an effect.
 """
@@ -23,6 +25,7 @@ import numpy as np
 from scipy.stats import binomtest, quantile_test
 
 from cosim.diagnosis.catalogue import CATALOGUE
+from cosim.diagnosis.effect import EffectParameter
 from cosim.diagnosis.finding import joint_probability
 
 Result = Mapping[str, Any]
@@ -91,6 +94,25 @@ def in_set(result: Result) -> bool:
     """Whether what was hidden is stated."""
     truth = true_effects(result)
     return bool(truth) and truth <= stated(result["finding"])
+
+
+def visible(result: Result) -> bool | None:
+    """Whether all that was hidden is as large as the finding says the recordings show; None where it does not say."""
+    shown = {(row["effect"], row["parameter"]): row for row in (result["finding"] or {}).get("would_show", ())}
+    sizes = result["truth"]["effects"] if result["truth"] else {}
+    found = []
+    for effect, hidden in sizes.items():
+        rows = [(shown[effect, p.name], p, hidden[p.name]) for p in CATALOGUE[effect].parameters
+                if p.name in hidden and (effect, p.name) in shown]
+        if not rows:
+            return None
+        found.append(any(_beyond(row, p, size) for row, p, size in rows))
+    return all(found) if found else None
+
+
+def _beyond(row: Mapping[str, Any], parameter: EffectParameter, size: float) -> bool:
+    value = size * row["nominal"] if parameter.scale == "log" else size + row["nominal"]
+    return (row["below"] is not None and value <= row["below"]) or (row["above"] is not None and value >= row["above"])
 
 
 def confidently_wrong(result: Result) -> bool:
@@ -276,6 +298,13 @@ def calibration_error(pairs: np.ndarray) -> float:
     return sum(row["n"] * abs(row["said"] - row["was"]) for row in reliability(pairs)) / max(len(pairs), 1)
 
 
+def exact_calibration_errors(said: np.ndarray) -> np.ndarray:
+    """Calibration errors that probabilities which are exactly right would show by chance: few cases fill no bin."""
+    random = np.random.default_rng(0)
+    return np.array([calibration_error(np.column_stack([said, random.random(said.size) < said]))
+                     for _ in range(1000)])
+
+
 def score(results: Sequence[Result]) -> list[Row]:
     """All rows."""
     of = {name: [r for r in results if r["category"] == name] for name in {r["category"] for r in results}}
@@ -287,6 +316,12 @@ def score(results: Sequence[Result]) -> list[Row]:
     at_least, at_most = (lambda x: (">=", x)), (lambda x: ("<=", x))
     rows = [
         rate("single", "right cause first", map(right_first, single), at_least(0.8)),
+        rate("single, as large as the recordings show", "right cause first",
+             (right_first(r) for r in single if visible(r)), at_least(0.8)),
+        rate("single, as large as the recordings show", "right cause in the stated set",
+             (in_set(r) for r in single if visible(r)), at_least(0.95)),
+        rate("single, smaller than the recordings show", "called none",
+             (verdict(r) == "none" for r in single if visible(r) is False)),
         rate("single", "right first, or ambiguous with what stands first", map(_first_or_ambiguous, single)),
         rate("single", "right cause in the stated set", map(in_set, single), at_least(0.95)),
         mean("single", "stated set, where there is one", (n for r in single if (n := len(stated(r["finding"])))),
@@ -296,6 +331,8 @@ def score(results: Sequence[Result]) -> list[Row]:
         rate("single, other structure", "right cause first", (right_first(r) for r in single
                                                               if r["structure"] == "other")),
         rate("pair", "both first", map(right_first, pair), at_least(0.8)),
+        rate("pair, both as large as the recordings show", "both first",
+             (right_first(r) for r in pair if visible(r)), at_least(0.8)),
         rate("pair", "one of them first", (bool(set(listed(r["finding"])[:1]) & true_effects(r)) for r in pair)),
         rate("pair", "both in the stated set", map(in_set, pair), at_least(0.95)),
         mean("pair", "stated set, where there is one", (n for r in pair if (n := len(stated(r["finding"]))))),
@@ -313,8 +350,8 @@ def score(results: Sequence[Result]) -> list[Row]:
         *(median(name, "error of parameters", (e for r in of.get(name, []) for e in size_errors(r)),
                  at_most(0.05)) for name in CATALOGUED),
         *(_coverage(name, [hit for r in of.get(name, []) for hit in covered(r)]) for name in CATALOGUED),
-        _calibration("all but pairs and cocktails", [r for r in results if r["category"] not in ("pair", "cocktail")]),
-        _calibration("pair", pair, None),
+        *_calibration("all but pairs and cocktails", [r for r in results if r["category"] not in ("pair", "cocktail")]),
+        *_calibration("pair", pair, None),
         median("single and pair", "held-out gain over the true model's",
                (g for r in both if (g := gain_share(r)) is not None), at_least(0.9), percent=False),
         rate("single and pair", "called ambiguous", (verdict(r) == "ambiguous" for r in both)),
@@ -351,17 +388,20 @@ def _coverage(cases: str, hits: list[bool]) -> Row:
                0.85 <= row.here <= 0.95 if row.n else None, row.n > 0 and bool(0.85 <= row.low and row.high <= 0.95))
 
 
-def _calibration(cases: str, results: Sequence[Result], target: float | None = 0.05) -> Row:
+def _calibration(cases: str, results: Sequence[Result], target: float | None = 0.05) -> list[Row]:
     some = [pairs for r in results if len(pairs := forecasts([r]))]
     name, aim = "expected calibration error", None if target is None else ("<=", target)
     if not some:
-        return Row(cases, name, _words(aim, False), None, None, None, 0, None, percent=False)
+        return [Row(cases, name, _words(aim, False), None, None, None, 0, None, percent=False)]
     drawn = np.empty(len(some), dtype=object)
     drawn[:] = some
     here, low, high = _bootstrapped(drawn, lambda few: calibration_error(np.concatenate(list(few))))
-    count = sum(len(pairs) for pairs in some)
-    return Row(cases, name, _words(aim, False), here, low, high, count, _meets(here, aim), _shown(low, high, aim),
-               False)
+    pairs = np.concatenate(some)
+    exact = exact_calibration_errors(pairs[:, 0])
+    return [Row(cases, name, _words(aim, False), here, low, high, len(pairs), _meets(here, aim),
+                _shown(low, high, aim), False),
+            Row(cases, "the same, if what was said were exact", "", float(np.mean(exact)),
+                *(float(x) for x in np.quantile(exact, [0.025, 0.975])), len(pairs), None, percent=False)]
 
 
 def _cocktail(results: Sequence[Result]) -> list[Row]:

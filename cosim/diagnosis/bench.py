@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import ttest_1samp
 
+from cosim.diagnosis.finding import Gain, gained
 from cosim.diagnosis.inverse import SKEW, SLIGHT, Inverse, Supposition, Torques
 from cosim.diagnosis.plants.rigid import RigidPlant
 from cosim.diagnosis.plants.run import STEP, Run
@@ -90,7 +91,8 @@ def diagnose_bench(plant: RigidPlant, runs: Sequence[Run], reserved: Sequence[Ru
     if reserved:
         say("measuring the gain on " + ", ".join(run.name for run in reserved))
         untouched = _traces(Torques(plant, reserved, inverse.band), after, skew)
-        finding["gain"] = _gain(untouched, inverse)
+        finding["gain"] = gained([Gain.of(run, channel, *courses[1:], inverse.sigma[channel])
+                                  for (run, channel), courses in untouched.items()])
         traces |= untouched
     else:
         notices.append("no recording is left over to measure the gain on")
@@ -131,10 +133,8 @@ def _causes(inverse: Inverse, tried: Sequence[Supposition], best: Supposition,
         parameters = {}
         for d, x, deviation in zip(inverse.directions, fit.point, inverse.deviations(fit)):
             if d.effect == name:
-                low, value, high = (d.parameter.physical(d.size(x + side * 1.645 * deviation), inverse.plant.values)[1]
-                                    for side in (-1.0, 0.0, 1.0))
-                nominal, _, unit = d.parameter.physical(d.parameter.neutral, inverse.plant.values)
-                parameters[d.name] = {"nominal": nominal, "value": value, "low90": low, "high90": high, "unit": unit}
+                ends = (d.size(x + side * 1.645 * deviation) for side in (0.0, -1.0, 1.0))
+                parameters[d.name] = d.parameter.found(*ends, inverse.plant.values)
         found.append({"effect": name, "probability": shares[name], "parameters": parameters})
     return found
 
@@ -227,19 +227,6 @@ def _traces(torques: Torques, values: Mapping[str, float],
     measured, before, after = torques.measured(skew), torques.needed(torques.plant.values), torques.needed(values)
     return {(run.name, c): (torques.clock(r), measured[r][c], before[r][c], after[r][c])
             for r, run in enumerate(torques.runs) for c in torques.channels}
-
-
-def _gain(traces: Mapping[tuple[str, str], tuple[np.ndarray, ...]], inverse: Inverse) -> dict[str, Any]:
-    """Errors before and after over the range of the channel, on recordings that were not used."""
-    rows = []
-    for (run, channel), (_, measured, before, after) in traces.items():
-        span = float(np.ptp(measured))
-        rows.append({"manoeuvre": run, "signal": channel,
-                     "nrmse_before": float(np.sqrt(np.mean((measured - before) ** 2))) / span,
-                     "nrmse_after": float(np.sqrt(np.mean((measured - after) ** 2))) / span,
-                     "noise_floor": inverse.sigma[channel] / span})
-    return {"held_out": rows,
-            "fraction_of_noise_floor": float(np.median([r["nrmse_after"] / r["noise_floor"] for r in rows]))}
 
 
 def _next(inverse: Inverse, tried: Sequence[Supposition], best: Supposition,

@@ -16,9 +16,11 @@ import numpy as np
 from cosim.diagnosis import extend, proposal
 from cosim.diagnosis.bench import diagnose_bench
 from cosim.diagnosis.catalogue import CATALOGUE
+from cosim.diagnosis.detectable import would_show
 from cosim.diagnosis.evidence import Layout
+from cosim.diagnosis.finding import gained
 from cosim.diagnosis.fitting import Fit, as_found
-from cosim.diagnosis.identify import Identification, Search
+from cosim.diagnosis.identify import APART, Identification, Search
 from cosim.diagnosis.localise import disturbances, goes_with
 from cosim.diagnosis.noise import Noise
 from cosim.diagnosis.plants import FullOrderCar, InstrumentedPlant, RigidPlant, Run, plant_for
@@ -31,13 +33,11 @@ from cosim.measured import Measurement, load
 
 log = logging.getLogger("cosim")
 LIKELY = 0.05  # causes less probable are not listed
-APART = 3.0  # sigma: rivals closer than this cannot be told from the best
 # Of the logarithm of what is left over what should be, root mean square over the runs: more, and the catalogue does
 # not explain it. A run of which something is missing weighs more than a little in each.
 STRANGE = 0.15
 SOMETHING_ELSE = 0.03  # probability that is left for what nobody thought of
 _COMPARED = 4  # rivals that a proposed manoeuvre has to tell from the best
-_TEMPER = 8.0  # of differences in evidence: fits end in one of many minima, and those differ by more than noise
 _DRAWS = 30  # healthy cars
 
 
@@ -166,7 +166,7 @@ def _driveline(diagnosis: Diagnosis, car: FullOrderCar, out: Path | None, worker
             _localise(diagnosis, predictor, found)
         if diagnosis.finding["verdict"] == "ambiguous":
             say("looking for the manoeuvre that would tell the causes apart")
-            _propose(diagnosis, predictor, found)
+            _propose(diagnosis, search, found)
     diagnosis.suspects = [{"effect": name, "probability": share} for name, share in
                           _probabilities(found, CATALOGUE).items()]
     with Predictor(car, [run.free for run in runs], declared, workers) as freely:
@@ -186,26 +186,18 @@ def _probabilities(found: Identification, effects: Sequence[str]) -> dict[str, f
 
     A supposition of several effects divides its share among them, so that all add up to at most 1.
     """
-    scores = np.array([fit.score for fit in found.alternatives]) / _TEMPER
-    weights = np.exp(scores - scores.max())
-    weights *= (1.0 - SOMETHING_ELSE) / weights.sum()
     shares = dict.fromkeys(effects, 0.0)
-    for fit, weight in zip(found.alternatives, weights):
+    for fit, weight in zip(found.alternatives, (1.0 - SOMETHING_ELSE) * found.shares()):
         for effect in fit.effects:
             shares[effect] += float(weight) / len(fit.effects)
     return shares
-
-
-def _apart(found: Identification, fit: Fit) -> float:
-    """How far a supposition is from the best [sigma]."""
-    return float(np.sqrt(2.0 * max(found.best.score - fit.score, 0.0) / _TEMPER))
 
 
 def _rivals(found: Identification) -> list[tuple[Fit, float]]:
     """Other suppositions with an effect that the best has not, and their distance in sigma."""
     rivals = []
     for fit in found.alternatives:
-        distance = _apart(found, fit)
+        distance = found.apart(fit)
         if set(fit.effects) - set(found.best.effects) and len(fit.causes) <= max(1, len(found.best.causes)):
             if distance < APART:
                 rivals.append((fit, distance))
@@ -240,7 +232,8 @@ def _finding(predictor: Predictor, found: Identification) -> dict[str, Any]:
         "verdict": verdict, "wrong": [], "causes": causes, "together": [*best.effects],
         "ambiguous_with": [{"effects": sorted(set(fit.effects) - set(best.effects)), "separation_sigma": distance}
                            for fit, distance in rivals] if verdict == "ambiguous" else [],
-        "next_manoeuvre": None, "unknown": None, "extension": None, "gain": None}
+        "next_manoeuvre": None, "unknown": None, "extension": None, "gain": None,
+        "would_show": would_show(found.detectable, predictor.coordinates, predictor.car.values)}
 
 
 def _parameters(predictor: Predictor, fit: Fit, effect: str) -> dict[str, dict[str, Any]]:
@@ -257,10 +250,8 @@ def _parameters(predictor: Predictor, fit: Fit, effect: str) -> dict[str, dict[s
             spread = np.array([deviations[shared[j]] for j in all_of_it])
             power = 2.0 * (np.mean(fit.shared[all_of_it] ** 2) - np.mean(spread**2))
             x, deviation = float(np.sqrt(max(power, 0.0))), float(np.sqrt(np.mean(spread**2) / len(all_of_it) * 2.0))
-        value, low, high = (p.size(float(np.clip(x + 1.645 * d * deviation, c.low, c.high))) for d in (0.0, -1.0, 1.0))
-        nominal, value, unit = p.physical(value, predictor.car.values)
-        low, high = (p.physical(x, predictor.car.values)[1] for x in (low, high))
-        result[p.name] = {"nominal": nominal, "value": value, "low90": low, "high90": high, "unit": unit}
+        ends = (p.size(float(np.clip(x + 1.645 * side * deviation, c.low, c.high))) for side in (0.0, -1.0, 1.0))
+        result[p.name] = p.found(*ends, predictor.car.values)
     return result
 
 
@@ -310,11 +301,11 @@ def _localise(diagnosis: Diagnosis, predictor: Predictor, found: Identification)
     diagnosis.disturbance = first.table
 
 
-def _propose(diagnosis: Diagnosis, predictor: Predictor, found: Identification) -> None:
-    rivals = _rivals(found)[:_COMPARED]
-    if (apart := _apart(found, found.healthy)) < APART:
-        rivals.append((found.healthy, apart))
-    best = proposal.propose(predictor, found.noise, found.best, rivals)
+def _propose(diagnosis: Diagnosis, search: Search, found: Identification) -> None:
+    rivals = [fit for fit, _ in _rivals(found)[:_COMPARED]]
+    if found.apart(found.healthy) < APART:
+        rivals.append(found.healthy)
+    best = proposal.propose(search.fitter, found, rivals)
     if best is not None:
         diagnosis.finding["next_manoeuvre"] = {
             "kind": best.kind, "gear": best.gear, "separation_sigma": best.separation_sigma,
@@ -360,9 +351,4 @@ def _extend(diagnosis: Diagnosis, predictor: Predictor, found: Identification, o
         for name, clock in run.clocks.items():
             before, after = (car.instruments(car.raw(v, run), v, run)[run.slices[name]] for v in (car.values, values))
             diagnosis.traces[(run.name, name)] = (clock, run.measured[name], before, after)
-    after, floor = (np.array([getattr(row, key) for row in rows]) for key in ("nrmse_after", "noise_floor"))
-    diagnosis.finding["gain"] = {
-        "held_out": [{"manoeuvre": row.run, "signal": row.signal, "nrmse_before": row.nrmse_before,
-                      "nrmse_after": row.nrmse_after, "noise_floor": row.noise_floor} for row in rows],
-        "fraction_of_noise_floor": float(np.median(after / floor)),
-        "estimators": profit(car.source, changes, reserved)}
+    diagnosis.finding["gain"] = {**gained(rows), "estimators": profit(car.source, changes, reserved)}

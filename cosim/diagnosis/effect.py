@@ -75,6 +75,12 @@ class EffectParameter:
         nominal = values.get(self.targets[0], self.neutral)
         return nominal, self.applied(size, nominal), self.unit
 
+    def found(self, size: float, low: float, high: float, values: Values) -> dict[str, float | str]:
+        """A size and the ends of its 90 % interval, as ``finding.json`` has them."""
+        nominal, value, unit = self.physical(size, values)
+        ends = {name: self.physical(end, values)[1] for name, end in (("low90", low), ("high90", high))}
+        return {"nominal": nominal, "value": value, **ends, "unit": unit}
+
     def check(self, size: float) -> None:
         """Raise InputError unless the size is plausible."""
         low, high = self.limits

@@ -150,16 +150,26 @@ class Evidence:
 
     Args:
         seen: By each run.
+        expected: By runs that are not driven yet: what each would say of the shared coordinates, and where these are
+            if it shows what is expected.
     """
 
-    def __init__(self, seen: Sequence[Seen]) -> None:
-        self.seen = list(seen)
+    def __init__(self, seen: Sequence[Seen], expected: Sequence[tuple[np.ndarray, np.ndarray]] = ()) -> None:
+        self.seen, self.expected = list(seen), list(expected)
         self.layout = seen[0].slopes.layout
 
     @cached_property
     def _sums(self) -> tuple[np.ndarray, np.ndarray, float]:
-        return (sum(s.slopes.capped for s in self.seen), sum(s.capped for s in self.seen),
-                sum(s.length + s.slopes.log_determinant for s in self.seen))
+        told = [(s.slopes.capped, s.capped, s.length + s.slopes.log_determinant) for s in self.seen]
+        told += [(square, square @ there, float(there @ square @ there)) for square, there in self.expected]
+        return tuple(sum(parts) for parts in zip(*told))
+
+    def expecting(self, square: np.ndarray, there: np.ndarray) -> Evidence:
+        """With a run that is not driven yet: its information on the shared coordinates, and where they are.
+
+        Its log evidence is up to what all suppositions share.
+        """
+        return Evidence(self.seen, [*self.expected, (square, there)])
 
     def posterior(self, spread: np.ndarray) -> Posterior:
         """Belief and evidence with prior standard deviations ``spread`` (all coordinates)."""
@@ -172,14 +182,25 @@ class Evidence:
         covariance = spread[:, None] * cho_solve(factor, np.eye(spread.size)) * spread
         return Posterior(spread * scaled, covariance, log_evidence)
 
+    def occam(self, spread: np.ndarray) -> float:
+        """Log evidence that coordinates cost for being allowed to be anything within ``spread``."""
+        spread = spread[self.layout.shared]
+        return 0.5 * float(np.linalg.slogdet(np.eye(spread.size) + spread[:, None] * self._sums[0] * spread)[1])
+
+    def imitated(self, change: np.ndarray, spread: np.ndarray) -> np.ndarray:
+        """The coordinates, as far as ``spread`` allows, that change data most nearly as ``change`` does."""
+        spread, shared = spread[self.layout.shared], self.layout.shared
+        square = self._sums[0]
+        matrix = np.eye(spread.size) + spread[:, None] * square * spread
+        found = np.zeros(change.size)
+        found[shared] = spread * np.linalg.solve(matrix, spread * (square @ change[shared]))
+        return found
+
     def separation(self, change: np.ndarray, spread: np.ndarray) -> float:
         """How far data changed by ``change`` of the coordinates are from what ``spread`` allows [sigma].
 
         Coordinates that are wide in ``spread`` imitate the change as well as they can.
         """
-        square, shared = self._sums[0], self.layout.shared
-        shifted, spread = square @ change[shared], spread[shared]
-        matrix = np.eye(spread.size) + spread[:, None] * square * spread
-        inner = spread * shifted
-        distance = float(change[shared] @ shifted - inner @ np.linalg.solve(matrix, inner))
+        left = (change - self.imitated(change, spread))[self.layout.shared]
+        distance = float(change[self.layout.shared] @ self._sums[0] @ left)
         return float(np.sqrt(max(distance, 0.0)))

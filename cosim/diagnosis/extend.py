@@ -5,11 +5,12 @@ from __future__ import annotations
 import logging
 import re
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from cosim.diagnosis.finding import Gain
 from cosim.diagnosis.observation import observe
 from cosim.diagnosis.plants import STEP, Run
 from cosim.files import write_text
@@ -66,22 +67,6 @@ def _spelled(unit: str) -> str:
     return unit or "1"
 
 
-@dataclass(frozen=True)
-class Gain:
-    """How far a recording is from the plant before and after it was extended.
-
-    Attributes:
-        run, signal: Which.
-        nrmse_before, nrmse_after, noise_floor: Root mean square error over the measured range.
-    """
-
-    run: str
-    signal: str
-    nrmse_before: float
-    nrmse_after: float
-    noise_floor: float
-
-
 def co_simulate(fmu: Path, parameters: Mapping[str, float], run: Run,
                 start_speed: float) -> dict[str, np.ndarray]:
     """Outputs of a plant FMU in one run, through the master; on ``run.time``.
@@ -117,15 +102,6 @@ def _unit(name: str) -> str:
     return next(v.unit for v in FullOrderPlant.inputs if v.name == name)
 
 
-def errors(run: Run, raw: Mapping[str, np.ndarray], values: Mapping[str, float]) -> dict[str, float]:
-    """Root mean square error of every channel over its measured range."""
-    found = {}
-    for name, clock in run.clocks.items():
-        error = run.measured[name] - observe(raw, run.time, values, name, clock)
-        found[name] = float(np.sqrt(np.mean(error**2)) / np.ptp(run.measured[name]))
-    return found
-
-
 def gain(runs: Iterable[Run], simulate: Callable[[bool, Run], Mapping[str, np.ndarray]],
          values: tuple[Mapping[str, float], Mapping[str, float]], floors: Mapping[str, float]) -> list[Gain]:
     """Errors before and after on recordings that were not used.
@@ -137,9 +113,11 @@ def gain(runs: Iterable[Run], simulate: Callable[[bool, Run], Mapping[str, np.nd
     """
     rows = []
     for run in runs:
-        before, after = (errors(run, simulate(extended, run), values[extended]) for extended in (False, True))
-        rows += [Gain(run.name, name, before[name], after[name], floors[name] / float(np.ptp(run.measured[name])))
-                 for name in run.clocks if name in floors]
+        raw = [simulate(extended, run) for extended in (False, True)]
+        for name, clock in run.clocks.items():
+            if name in floors:
+                shown = (observe(y, run.time, known, name, clock) for y, known in zip(raw, values))
+                rows.append(Gain.of(run.name, name, run.measured[name], *shown, floors[name]))
     return rows
 
 

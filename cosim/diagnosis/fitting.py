@@ -100,13 +100,20 @@ class Fitter:
         Raises:
             ArithmeticError: It cannot be simulated.
         """
-        zero = np.zeros(len(self.coordinates))
-        points = [zero.copy() for _ in self.measured]
+        return self.at(np.zeros(len(self.coordinates)))
+
+    def at(self, shared: np.ndarray) -> Fit:
+        """No cause, all runs at some coordinates, with derivatives by everything.
+
+        Raises:
+            ArithmeticError: They cannot be simulated.
+        """
+        points = [shared.copy() for _ in self.measured]
         predicted = self.predictor.all_runs(points)
         if predicted is None:
-            raise ArithmeticError("the plant of the vehicle file cannot be simulated with these inputs")
+            raise ArithmeticError("the plant cannot be simulated with these values and inputs")
         tangents = self.predictor.jacobian(points, predicted, dict(enumerate(self.layout.columns)))
-        return Fit((), zero, points, predicted, [Tangent(jacobian) for jacobian in tangents])
+        return Fit((), shared, points, predicted, [Tangent(jacobian) for jacobian in tangents])
 
     def residuals(self, predicted: Sequence[np.ndarray]) -> list[np.ndarray]:
         """Measured minus predicted of every run."""

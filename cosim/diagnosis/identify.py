@@ -2,9 +2,10 @@
 
 A *supposition* is a set of causes: their parameters may be anything plausible, all others only what a
 healthy car's are. A cause is an effect of the catalogue, or one parameter of an effect whose parameters mean
-something alone. Every cause alone is simulated at several sizes, and the best of these are fitted; whoever leads is
-then challenged by every cause added, dropped or swapped, which its derivatives rank; those that may win are fitted
-by simulation and compared under one noise. ``docs/diagnosis.md`` says why.
+something alone. Of causes that do the same in these recordings one is looked for (``alike``). Every cause alone is
+simulated at several sizes, and the best of these are fitted; whoever leads is then challenged by every cause added,
+dropped or swapped, which its derivatives rank; those that may win are fitted by simulation and compared under one
+noise. At last those that do the same take the places of what was found. ``docs/diagnosis.md`` says why.
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cosim.diagnosis.alike import alike, instead
+from cosim.diagnosis.detectable import detectable
 from cosim.diagnosis.evidence import Evidence, prior
 from cosim.diagnosis.fitting import Fit, Fitter, log_prior
 from cosim.diagnosis.noise import Noise
@@ -23,18 +26,21 @@ from cosim.diagnosis.predict import Predictor
 log = logging.getLogger("cosim")
 
 MOST_CAUSES = 9
+APART = 3.0  # sigma: rivals closer than this cannot be told from the best
 SMALLEST = 0.9  # of a cause, in detection limits: less is what healthy cars differ by, or an error of another's fit
 _SIZES = (-4.0, -1.5, 1.5, 4.0)  # of probes, in detection limits
 _SCANNED = 12  # probes that are fitted
 # Linear log evidence below the leader at which a supposition is not looked at: with a cause more, and without;
 # where another cause stands for the true one its run is bent about it, and that is worth more than noise.
 _PROMISING, _SWAPPED = 25.0, 400.0
+_FURTHER_SCANNED = 6  # further causes that are simulated at several sizes beside the leader's
 _STARTED = 20  # suppositions that are simulated where the leader's tangents place them
 _SHORTLIST, _SHORTLIST_PLAIN = 6, 3  # of which are fitted; the latter as if no run were doubtful
 _RIVAL, _RIVALS = 12.0, 4  # log evidence below the leader at which a rival gets derivatives of its own; how many
 _SHORT = 3.0  # log evidence below what the leader's derivatives promise at which a settled rival is fitted again
 _UNEXPLAINED = 40.0  # of minus twice the log likelihood of a run: leaves half of what it says
 _DOUBTS_ALIKE = 1.2  # ratio of temperatures below which they are the same
+_TEMPER = 8.0  # of differences in evidence: fits end in one of many minima, and those differ by more than noise
 _TURNS = 30  # steps of the search, at most; some three a cause
 _KEPT = 24  # fits
 
@@ -48,12 +54,25 @@ class Identification:
         alternatives: All suppositions that were fitted, ``best`` first, then by evidence.
         healthy: The supposition without causes.
         noise: Under which they were compared.
+        alike: Groups of causes that do the same in these recordings.
+        detectable: Smallest size of every cause that they would show, by its place among the coordinates.
     """
 
     best: Fit
     alternatives: list[Fit]
     healthy: Fit
     noise: Noise
+    alike: list[tuple[str, ...]]
+    detectable: dict[int, float]
+
+    def shares(self) -> np.ndarray:
+        """Of the suppositions in the evidence of all, which add up to 1."""
+        weights = np.exp((np.array([fit.score for fit in self.alternatives]) - self.best.score) / _TEMPER)
+        return weights / weights.sum()
+
+    def apart(self, fit: Fit, further: float = 0.0) -> float:
+        """How far a supposition is from the best [sigma], with some log evidence more between them."""
+        return separation(self.best.score - fit.score + further)
 
 
 class Search:
@@ -65,12 +84,17 @@ class Search:
 
     Attributes:
         pool: What was fitted so far, by its causes.
+        file: The vehicle file as it is, and ``first``, what the runs say there.
+        causes: Which are looked for: of those that are ``alike`` the first.
         judged: The causes of whose noise it is compared under.
         plain, noise: That noise, and the same with doubts.
         challenged: The leader that was challenged last.
         tried: Settled rivals that were fitted again from there.
     """
 
+    file: Fit
+    first: Evidence
+    alike: list[tuple[str, ...]]
     judged: tuple[str, ...]
     plain: Noise
     noise: Noise
@@ -128,15 +152,16 @@ class Search:
             return float(np.sqrt(2.0 * np.mean(np.square(swings))))
         return float(np.linalg.norm(found))
 
-    def probes(self, best: Fit, everything: bool) -> list[Fit]:
+    def probes(self, best: Fit, causes: Iterable[str], everything: bool) -> list[Fit]:
         """Starts for causes beside those of a fit, each at several sizes.
 
         Args:
             best: Whose coordinates the others keep.
-            everything: Or only for causes that do nothing while they are small.
+            causes: Which.
+            everything: Or only those that do nothing while they are small.
         """
         starts = []
-        for cause in self.causes:
+        for cause in causes:
             mine = [i for i in self.predictor.index(cause) if self.coordinates[i].run is None]
             if cause in best.causes or not mine:
                 continue
@@ -169,8 +194,10 @@ class Search:
                 self._judge(leader)
             elif not self.challenge(leader):
                 break
+        self._put_instead()
         leader, *others = self.worthy()
-        return Identification(leader, [leader, *others], self.pool[()], self.noise)
+        visible = detectable(self.fitter.seen(self.file, self.noise), self.coordinates, -log_prior(self.causes[:1]))
+        return Identification(leader, [leader, *others], self.pool[()], self.noise, self.alike, visible)
 
     def worthy(self) -> list[Fit]:
         """The suppositions whose causes are large enough to be some, the likeliest first."""
@@ -221,21 +248,44 @@ class Search:
     def _open(self) -> None:
         """No cause, and every cause alone, as far as they are worth a fit; and a noise for them."""
         self.say(f"sensitivities to {len(self.coordinates)} parameters over {len(self.predictor.runs)} runs")
-        start = self.fitter.nominal()
-        self.judged, self.plain = (), self.fitter.noise(start)
+        self.file = self.fitter.nominal()
+        self.judged, self.plain = (), self.fitter.noise(self.file)
         self.noise = self.plain
-        self._enter([self.fitter.assess(self.fitter.refine(start, self.noise, 5), self.noise)])
+        self.first = self.fitter.judged(self.file, self.noise)[0]
+        self.alike = alike(self.first, self.coordinates, self.causes)
+        for first, *others in self.alike:
+            self.say(f"{first} does the same here as {', '.join(others)}")
+            self.causes = [cause for cause in self.causes if cause not in others]
+        self._enter([self.fitter.assess(self.fitter.refine(self.file, self.noise, 5), self.noise)])
         self.say("every cause alone, at several sizes")
-        self._enter(self._scanned(start))
+        self._enter(self._scanned(self.file))
         for fit in self._ranked()[:_RIVALS]:
             self.pool[fit.causes] = self.fitter.renewed(fit, self.noise, everything=False)
         self._doubt_again()
+
+    def _put_instead(self) -> None:
+        """What does the same as a cause of the leader or of a rival, in its place: fitted from where it does."""
+        leader, *others = self.worthy()
+        rivals = [fit for fit in others if separation(leader.score - fit.score) < APART]
+        for fit in (leader, *rivals):
+            for gone, other in self._swaps(fit):
+                change = instead(self.first, self.coordinates, fit.shared, gone, other)
+                there = [np.clip(x + change, self.fitter.low, self.fitter.high) for x in (fit.shared, *fit.points)]
+                causes = _key((*(cause for cause in fit.causes if cause != gone), other))
+                start = self.fitter.placed(fit, causes, there[0], there[1:])
+                if start is not None:
+                    start = self._refined(start, self.noise)
+                    self._enter([self.fitter.settle(start, self.noise) if fit is leader else start])
+
+    def _swaps(self, fit: Fit) -> list[tuple[str, str]]:
+        return [(gone, other) for group in self.alike for gone in group if gone in fit.causes
+                for other in group if other != gone]
 
     def challenge(self, leader: Fit) -> bool:
         """Let others take the lead if they can; whether any came close enough to be settled, or leads."""
         self.say("; ".join(f"{'+'.join(fit.causes) or 'healthy'} {fit.score - leader.score:+.0f}"
                            for fit in self.worthy()[:4]))
-        probes = self.probes(leader, everything=False)
+        probes = self.probes(leader, self.causes, everything=False)
         hopes = self._challengers(leader, probes, self.noise, _SHORTLIST)
         if self.noise.temperatures.max() > _DOUBTS_ALIKE:  # what it would take to explain the doubtful runs as well
             self._challengers(leader, probes, self.plain, _SHORTLIST_PLAIN)
@@ -254,12 +304,8 @@ class Search:
         A fit that begins without a cause that is there bends everything else towards what is missing, and meets
         flanks that are not the right ones.
         """
-        points = [self.fitter.assess(probe, self.noise) for probe in self.probes(start, everything=True)]
-        chosen: list[Fit] = []
-        for probe in sorted(points, key=lambda fit: -fit.score):
-            if sum(fit.causes == probe.causes for fit in chosen) < 2:
-                chosen.append(probe)
-        return [self._refined(fit, self.noise) for fit in chosen[:_SCANNED]]
+        points = [self.fitter.assess(probe, self.noise) for probe in self.probes(start, self.causes, everything=True)]
+        return [self._refined(fit, self.noise) for fit in _best_of_each(points, 2)[:_SCANNED]]
 
     def _refined(self, fit: Fit, noise: Noise) -> Fit:
         return self.fitter.assess(self.fitter.refine(fit, noise, 3), self.noise)
@@ -275,7 +321,8 @@ class Search:
                      if lead > -(_PROMISING if len(s) > len(leader.causes) else _SWAPPED)}
         fresh = [s for s in promising if not (s in self.pool and self.pool[s].settled)]
         starts = [self.fitter.assess(self.start(leader, s, evidence), noise) for s in fresh[:_STARTED]]
-        starts = sorted(starts, key=lambda fit: -max(fit.score - own, promising[fit.causes]))[:count]
+        starts += [self.fitter.assess(probe, noise) for probe in self.probes(leader, self._added(leader, fresh), True)]
+        starts = sorted(_best_of_each(starts, 1), key=lambda fit: -max(fit.score - own, promising[fit.causes]))[:count]
         starts += self._probed(leader, probes, noise)
         stuck = self._stuck(leader, promising) if noise is self.noise else []
         self._enter([self._refined(start, noise) for start in starts])
@@ -283,6 +330,11 @@ class Search:
             start = self.fitter.assess(self.start(leader, causes, evidence), noise)
             self._enter([self.fitter.settle(self._refined(start, noise), noise)])
         return promising
+
+    def _added(self, leader: Fit, fresh: Sequence[tuple[str, ...]]) -> list[str]:
+        """The most promising further causes: where the derivatives place them the lash may be crossed otherwise."""
+        further = [set(s) - set(leader.causes) for s in fresh if len(s) > len(leader.causes)]
+        return [cause for [cause] in further][:_FURTHER_SCANNED]
 
     def _stuck(self, leader: Fit, promising: Mapping[tuple[str, ...], float]) -> list[tuple[str, ...]]:
         """Settled rivals that fall short of what the leader's derivatives promise, each once for a leader.
@@ -306,6 +358,20 @@ class Search:
             if start.causes not in self.pool and cost < min(now, found.get(start.causes, (np.inf,))[0]):
                 found[start.causes] = (cost, start)
         return [start for _, start in found.values()]
+
+
+def separation(lead: float) -> float:
+    """A lead in log evidence as a distance [sigma]."""
+    return float(np.sqrt(2.0 * max(lead, 0.0) / _TEMPER))
+
+
+def _best_of_each(fits: Iterable[Fit], count: int) -> list[Fit]:
+    """Of each supposition the starts with most evidence, best first."""
+    chosen: list[Fit] = []
+    for start in sorted(fits, key=lambda fit: -fit.score):
+        if sum(fit.causes == start.causes for fit in chosen) < count:
+            chosen.append(start)
+    return chosen
 
 
 def _changed(vector: np.ndarray, changes: Mapping[int, float]) -> np.ndarray:

@@ -2,36 +2,34 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cosim.diagnosis.catalogue import CATALOGUE
-from cosim.diagnosis.evidence import HETEROGENEITY
-from cosim.diagnosis.fitting import Fit, as_found
+from cosim.diagnosis.evidence import Evidence, Slopes, prior
+from cosim.diagnosis.fitting import Fit, Fitter, as_found
+from cosim.diagnosis.identify import APART, Identification
 from cosim.diagnosis.noise import Noise
-from cosim.diagnosis.plants import SETTLE, STEP, FullOrderCar, Nuisance, Run
+from cosim.diagnosis.plants import SETTLE, STEP, FullOrderCar, Run
 from cosim.diagnosis.plants.car import ANCHORS
-from cosim.diagnosis.predict import RUN_NUISANCES, Coordinate, Predictor
+from cosim.diagnosis.predict import Coordinate, Predictor, coordinates
 from driveline.quantities import InputError
 
 DURATION = 7.0
-# kind: corners of the torque as (time [s], share of the highest torque; negative: overrun)
+# kind: highest torque [N.m], and corners of the torque as (time [s], share of it; negative: overrun)
 _PROFILES = {
-    "tip_in": ((1.0, -0.1), (1.1, 1.0)),
-    "tip_out": ((0.0, 0.8), (1.5, 0.8), (1.6, -0.1)),
-    "ramp": ((1.0, -0.1), (4.5, 1.0)),
-    "pulse_train": ((1.0, -0.1), (1.05, 0.8), (2.0, 0.8), (2.05, -0.1), (3.0, -0.1), (3.05, 1.0), (4.0, 1.0),
-                    (4.05, -0.1), (5.0, -0.1), (5.05, 0.6)),
-    "coast_down": ((0.0, -0.1), (7.0, -0.1)),
-    "cruise": ((0.0, 0.2), (7.0, 0.2)),
+    "tip_in": (220.0, ((1.0, -0.1), (1.1, 1.0))),
+    "tip_out": (220.0, ((0.0, 0.8), (1.5, 0.8), (1.6, -0.1))),
+    "ramp": (220.0, ((1.0, -0.1), (4.5, 1.0))),
+    "pulse_train": (220.0, ((1.0, -0.1), (1.05, 0.8), (2.0, 0.8), (2.05, -0.1), (3.0, -0.1), (3.05, 1.0), (4.0, 1.0),
+                            (4.05, -0.1), (5.0, -0.1), (5.05, 0.6))),
+    "coast_down": (120.0, ((0.0, -0.1), (7.0, -0.1))),
+    "cruise": (120.0, ((0.0, 0.2), (7.0, 0.2))),
 }
 _GEARS = (3, 5, 7)
-_TORQUES = (120.0, 220.0)
 _ENGINE_SPEED = 150.0  # rad/s at the start
-_VAGUE = 3.0  # on the floor of every channel: that residuals are alike from sample to sample
 
 
 @dataclass(frozen=True)
@@ -40,7 +38,7 @@ class Proposal:
 
     Attributes:
         kind, gear, torque, speed: What to drive; the highest torque [N.m], speed at the start [m/s].
-        separation_sigma: From the rival that is nearest then, with the recordings there are; nuisances projected out.
+        separation_sigma: From the rival that is nearest then, judged as the recordings are, with those there are.
         nearest: That rival.
     """
 
@@ -52,34 +50,55 @@ class Proposal:
     nearest: Fit
 
 
-def propose(predictor: Predictor, noise: Noise, one: Fit, rivals: Sequence[tuple[Fit, float]]) -> Proposal | None:
-    """The candidate after which a supposition stands out best from all of its rivals; None where none can be driven.
+def propose(fitter: Fitter, found: Identification, rivals: Sequence[Fit]) -> Proposal | None:
+    """The candidate after which a supposition stands out from most of its rivals, and best from the nearest of them.
+
+    Each is simulated as the supposition says, with derivatives by all that may differ, and judged as a recording is:
+    what healthy cars differ by, and other sizes of the rival's causes, imitate what they can.
 
     Args:
-        predictor: Of the recordings; its first run has the channels that can be recorded.
-        noise: Its floors.
-        one: What is likeliest by the recordings.
-        rivals: What cannot be told from it by them, and how far apart they are [sigma].
+        fitter: Of the recordings; their first has the channels that can be recorded.
+        found: What is likeliest by them.
+        rivals: What cannot be told from it.
+
+    Returns:
+        None where no candidate can be driven.
     """
-    car = predictor.car
-    best = None
-    for (kind, corners), gear, torque in itertools.product(_PROFILES.items(), _GEARS, _TORQUES):
-        if kind in ("coast_down", "cruise") and torque != _TORQUES[0]:
-            continue
-        ratio = car.values.get(f"transmission.ratio[{gear + 2}]", 0.0) * car.values["final_drive.ratio"]
-        if not ratio > 0.0:
-            continue
-        speed = _ENGINE_SPEED / ratio * car.values["tyre.radius"]
-        run = _candidate(car, predictor.runs[0], kind, corners, gear, torque, speed)
-        try:
-            separations = _separations(predictor, noise.floors, run, one, [other for other, _ in rivals])
-        except (ArithmeticError, InputError):
-            continue
-        then = np.hypot(separations, [apart for _, apart in rivals])
-        nearest = int(np.argmin(then))
-        if best is None or then[nearest] > best.separation_sigma:
-            best = Proposal(kind, gear, torque, speed, float(then[nearest]), rivals[nearest][0])
+    one, noise = found.best, found.noise
+    predictor = fitter.predictor
+    evidence, _, _ = fitter.judged(one, noise)
+    shared = fitter.layout.shared
+    best, rank = None, ()
+    for kind, (torque, corners) in _PROFILES.items():
+        for gear in _GEARS:
+            speed = _start_speed(predictor.car, gear)
+            if speed is None:
+                continue
+            run = _candidate(predictor.car, predictor.runs[0], kind, corners, gear, torque, speed)
+            try:
+                square = information(predictor, noise, run, one)[np.ix_(shared, shared)]
+            except (ArithmeticError, InputError):
+                continue
+            after = evidence.expecting(square, one.shared[shared])
+            then = [found.apart(fit, _lead(after, one, fit) - _lead(evidence, one, fit)) for fit in rivals]
+            nearest = int(np.argmin(then))
+            if best is None or (sum(x > APART for x in then), then[nearest]) > rank:
+                rank = sum(x > APART for x in then), then[nearest]
+                best = Proposal(kind, gear, torque, speed, then[nearest], rivals[nearest])
     return best
+
+
+def _lead(evidence: Evidence, one: Fit, other: Fit) -> float:
+    """Log evidence of a supposition over that of another."""
+    coordinates = evidence.layout.coordinates
+    return float(np.subtract(*(evidence.posterior(prior(coordinates, fit.causes)).log_evidence
+                               for fit in (one, other))))
+
+
+def _start_speed(car: FullOrderCar, gear: int) -> float | None:
+    """Of the vehicle [m/s]; None without such a gear."""
+    ratio = car.values.get(f"transmission.ratio[{gear + 2}]", 0.0) * car.values["final_drive.ratio"]
+    return _ENGINE_SPEED / ratio * car.values["tyre.radius"] if ratio > 0.0 else None
 
 
 def _candidate(car: FullOrderCar, example: Run, kind: str, corners: Sequence[tuple[float, float]], gear: int,
@@ -93,47 +112,37 @@ def _candidate(car: FullOrderCar, example: Run, kind: str, corners: Sequence[tup
     return Run(kind, kind, gear, 0.0, inputs, speed, clocks, {})
 
 
-def _separations(predictor: Predictor, floors: Mapping[str, float], run: Run, one: Fit,
-                 others: Sequence[Fit]) -> list[float]:
-    """Distance of each other's prediction from the one's in sigma.
+def information(predictor: Predictor, noise: Noise, run: Run, one: Fit) -> np.ndarray:
+    """What a run that is not driven yet would say of the shared coordinates, near a supposition.
 
-    What the run's nuisances, the heterogeneity of the one's parameters, and any other size of the other's can imitate
-    does not count.
+    Its own nuisances are projected out; what swings in it alone says nothing.
+
+    Raises:
+        ArithmeticError, InputError: It cannot be simulated.
     """
-    car = predictor.car
-    mine = _values(predictor, one)
-    raw = car.raw(mine, run)
+    car, supposed = predictor.car, as_found(predictor, one, one.shared)
+    values, _ = predictor.values(supposed, 0)
+    raw = car.raw(values, run)
     # what would be measured leads all simulations, as it will when the recording is diagnosed
     run = replace(run, anchors={name: (run.time, raw[name]) for name in ANCHORS if name in run.clocks})
-    base = car.predict(mine, run)
-    scale = np.concatenate([np.full(clock.size, _VAGUE * floors[name]) for name, clock in run.clocks.items()])
-
-    def moved(fit: Fit, there: np.ndarray, width: Callable[[Coordinate], float]) -> list[np.ndarray]:
-        """What a fit's causes do as they move by their widths, in units of the noise."""
-        own = [(i, predictor.coordinates[i]) for cause in fit.causes for i in predictor.index(cause)]
-        return [(car.predict(_values(predictor, fit, i, c.step), run) - there) / scale * (width(c) / c.step)
-                for i, c in own if c.run is None]
-
-    imitating = [(car.predict(mine, run, Nuisance(**{name: step})) - base) / scale * (spread / step)
-                 for name, (spread, step) in RUN_NUISANCES.items()]
-    imitating += moved(one, base, lambda c: HETEROGENEITY * c.parameter.detection)
-    found = []
-    for other in others:
-        there = car.predict(_values(predictor, other), run)
-        design = np.column_stack(imitating + moved(other, there, lambda c: c.spread))
-        white = (there - base) / scale
-        inner = design.T @ white
-        imitated = inner @ np.linalg.solve(design.T @ design + np.eye(inner.size), inner)
-        found.append(float(np.sqrt(max(white @ white - imitated, 0.0))))
-    return found
+    shown, random = car.instruments(raw, values, run), np.random.default_rng(1)
+    run = replace(run, measured={name: shown[place] + noise.floors[name] * random.standard_normal(clock.size)
+                                 for (name, place), clock in zip(run.slices.items(), run.clocks.values())})
+    declared = coordinates(car, [run])
+    places = {_identity(c): i for i, c in enumerate(predictor.coordinates)}
+    with Predictor(car, [run], declared, predictor.workers) as alone:
+        fitter = Fitter(alone)
+        fit = fitter.at(np.array([supposed[places[_identity(c)]] if c.run is None else 0.0 for c in declared]))
+        capped = Slopes(fitter.layout, 0, fitter.noise(fit).whiten(0, fit.tangents[0].jacobian)).capped
+    common = [k for k, i in enumerate(fitter.layout.shared) if declared[i].run is None]
+    there = [places[_identity(declared[fitter.layout.shared[k]])] for k in common]
+    everything = np.zeros(2 * (len(predictor.coordinates),))
+    everything[np.ix_(there, there)] = capped[np.ix_(common, common)]
+    return everything
 
 
-def _values(predictor: Predictor, fit: Fit, moved: int | None = None, step: float = 0.0) -> dict[str, float]:
-    """Values with the supposed causes in them and nothing else changed, one coordinate moved."""
-    point = as_found(predictor, fit, fit.shared)
-    if moved is not None:
-        point[moved] += step
-    return predictor.values(point, 0)[0]
+def _identity(coordinate: Coordinate) -> tuple[str, str, int | None]:
+    return coordinate.effect, coordinate.name, coordinate.run
 
 
 def words(proposal: Proposal, one: Fit) -> str:
@@ -141,5 +150,7 @@ def words(proposal: Proposal, one: Fit) -> str:
     def name(effects: Sequence[str]) -> str:
         return " with ".join(CATALOGUE[e].name.replace("_", " ") for e in effects) or "nothing wrong"
 
-    return (f"to {proposal.torque:.0f} N.m from {3.6 * proposal.speed:.0f} km/h: {name(one.effects)} and "
-            f"{name(proposal.nearest.effects)} then differ by {proposal.separation_sigma:.1f} sigma")
+    found = (f"to {proposal.torque:.0f} N.m from {3.6 * proposal.speed:.0f} km/h: {name(one.effects)} and "
+             f"{name(proposal.nearest.effects)} then differ by {proposal.separation_sigma:.1f} sigma")
+    enough = proposal.separation_sigma > APART
+    return found if enough else found + ", too little to tell them apart, and nothing that was tried does more"

@@ -53,7 +53,7 @@ def render(diagnosis: Diagnosis) -> str:
         next=finding["next_manoeuvre"], unknown=_unknown(finding["unknown"]),
         disturbances=_disturbances(finding["unknown"], getattr(diagnosis, "disturbance", {})),
         gain=_gain(finding["gain"]), extension=finding["extension"], notices=diagnosis.notices,
-        seconds=diagnosis.seconds)
+        seconds=diagnosis.seconds, **_detectable(finding.get("would_show", ())))
 
 
 def _unknown(unknown: Mapping[str, Any] | None) -> dict[str, Any] | None:
@@ -316,6 +316,19 @@ def _rivals(finding: Mapping[str, Any]) -> list[dict[str, str]]:
         said = ("cannot be told apart" if sigma < _SAME else "hardly told apart" if sigma < _CLOSE else "told apart")
         rows.append({"names": " with ".join(map(_words, rival["effects"])), "sigma": f"{sigma:.1f}", "said": said})
     return rows
+
+
+def _detectable(would_show: Sequence[Mapping[str, Any]]) -> dict[str, list]:
+    """What the recordings would have shown, and what not however large it is."""
+    shown, hidden = [], []
+    for row in would_show:
+        if row["below"] is None and row["above"] is None:
+            hidden.append(_words(row["parameter"]))
+            continue
+        ends = {end: "" if row[end] is None else svg.number(row[end]) for end in ("below", "above")}
+        shown.append({"effect": _words(row["effect"]), "parameter": _words(row["parameter"]), **ends,
+                      "nominal": svg.number(row["nominal"]), "unit": _unit(row["unit"])})
+    return {"shown": shown, "hidden": hidden}
 
 
 def _gain(gain: Mapping[str, Any] | None) -> dict[str, Any] | None:

@@ -154,6 +154,29 @@ def test_errors_and_intervals_of_parameters():
     assert score.size_errors(elsewhere) == score.covered(elsewhere) == []
 
 
+@pytest.mark.parametrize("effect, name, size, seen", [
+    ("engine_inertia", "engine_inertia", 1.2, True), ("engine_inertia", "engine_inertia", 1.05, False),
+    ("engine_inertia", "engine_inertia", 0.85, True), ("torque_meter_offset", "torque_meter_offset", -8.0, True),
+    ("torque_meter_offset", "torque_meter_offset", 8.0, False),
+    ("two_stage_stiffness", "first_stage_twist", 0.02, None)])
+def test_a_case_is_judged_by_what_its_recordings_can_show(effect, name, size, seen):
+    told = [{"effect": "engine_inertia", "parameter": "engine_inertia", "nominal": 0.3, "below": 0.27, "above": 0.33,
+             "unit": "kg.m2"},
+            {"effect": "torque_meter_offset", "parameter": "torque_meter_offset", "nominal": 2.5, "below": -1.5,
+             "above": None, "unit": "N.m"}]
+    case = result("single", finding("none") | {"would_show": told}, {effect: {name: size}})
+    assert score.visible(case) is seen
+    found = rows([case])
+    assert (("single, as large as the recordings show", "right cause first") in found) is (seen is True)
+    assert (("single, smaller than the recordings show", "called none") in found) is (seen is False)
+
+
+def test_the_fewer_forecasts_the_larger_the_calibration_error_of_exact_ones():
+    few, many = (np.mean(score.exact_calibration_errors(np.full(n, 0.5))) for n in (25, 2500))
+    assert few == pytest.approx(0.5 * np.sqrt(2.0 / np.pi) / 5.0, rel=0.1)  # mean distance of a binomial share
+    assert many == pytest.approx(few / 10.0, rel=0.1)
+
+
 def test_calibration_error():
     random = np.random.default_rng(1)
     said = random.uniform(size=20000)

@@ -104,3 +104,18 @@ def test_a_wandering_torque_is_alike_from_hat_to_hat():
     covariance = np.linalg.inv(Layout(coordinates, 1).precision[0])
     assert np.sqrt(covariance[2, 2]) == pytest.approx(WANDER)
     assert covariance[2, 3] / covariance[2, 2] == pytest.approx(np.exp(-EVERY / WANDER_TIME), rel=1e-6)
+
+
+def test_what_a_run_is_expected_to_say_is_what_it_says_when_it_shows_that(problem):
+    coordinates, jacobians, _, evidence = problem
+    layout = evidence.layout
+    there = np.zeros(len(coordinates))
+    there[:3] = 0.7, -0.2, 0.1
+    slopes = Slopes(layout, 0, 2.0 * jacobians[0][:, layout.columns[0]])
+    driven = Evidence([*evidence.seen, slopes.seen(np.zeros(SAMPLES), there)])
+    expected = evidence.expecting(slopes.capped, there[layout.shared])
+    spreads = [prior(coordinates, causes) for causes in ((), ("one",), ("two",))]
+    leads = [[e.posterior(s).log_evidence - e.posterior(spreads[0]).log_evidence for s in spreads]
+             for e in (driven, expected)]
+    assert leads[1] == pytest.approx(leads[0], abs=1e-8) and max(leads[0]) > 1.0
+    assert expected.posterior(spreads[1]).mean == pytest.approx(driven.posterior(spreads[1]).mean, abs=1e-9)

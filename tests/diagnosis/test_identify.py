@@ -126,3 +126,12 @@ def test_a_run_that_nothing_explains_counts_for_less():
 def test_four_causes_are_found_one_after_the_other():
     causes = found({"size": 0.4, "phase": 0.2, "curve": 0.9, "slope": 0.3})[1].best.causes
     assert len(causes) == 4 and {"size", "phase", "curve"} < set(causes) and {"slope", "tilt"} & set(causes)
+
+
+def test_of_causes_that_do_the_same_one_is_looked_for_and_both_are_found():
+    search, result = found({"slope": 0.3, "size": 0.4})
+    assert result.alike == [("slope", "tilt")] and "tilt" not in search.causes
+    first, second = (next(fit for fit in result.alternatives if fit.causes == ("size", cause))
+                     for cause in ("slope", "tilt"))
+    assert result.best in (first, second) and first.settled and second.settled
+    assert abs(first.score - second.score) < 1.0

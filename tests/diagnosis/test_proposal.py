@@ -1,84 +1,98 @@
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from cosim.diagnosis import proposal
-from cosim.diagnosis.fitting import Fit
+from cosim.diagnosis.evidence import prior
+from cosim.diagnosis.fitting import Fitter
 from cosim.diagnosis.hidden import hide
-from cosim.diagnosis.noise import floors
+from cosim.diagnosis.identify import APART
 from cosim.diagnosis.plants import FullOrderCar
 from cosim.diagnosis.predict import Predictor, coordinates
 from cosim.measured import load
 
 
 @pytest.fixture(scope="module")
-def predictor(tmp_path_factory):
+def healthy(tmp_path_factory):
+    """A healthy car's tip-in: the fitter, the vehicle file as it is, and the noise."""
     folder = tmp_path_factory.mktemp("proposal") / "m"
     hide([], 2, folder, structure="same", drift="none", manoeuvres=["tip_in:5"])
     measurement = load(folder)
     car = FullOrderCar(measurement.vehicle, measurement.variant)
     runs = car.runs(measurement)
-    return Predictor(car, runs, coordinates(car, runs))
+    fitter = Fitter(Predictor(car, runs, coordinates(car, runs)))
+    fit = fitter.nominal()
+    return fitter, fit, fitter.noise(fit)
 
 
-def supposed(predictor, cause, value):
-    shared = np.zeros(len(predictor.coordinates))
-    shared[predictor.index(cause)] = value
-    return Fit((cause,), shared, [shared], [], [])
+def supposed(healthy, cause, value):
+    fitter, fit, _ = healthy
+    shared = np.zeros(len(fitter.coordinates))
+    shared[fitter.predictor.index(cause)] = value
+    return replace(fit, causes=(cause,), shared=shared)
 
 
-def separation(predictor, kind, gear, one, other):
-    car = predictor.car
-    run = proposal._candidate(car, predictor.runs[0], kind, proposal._PROFILES[kind], gear, 220.0, 12.0)
-    return proposal._separations(predictor, floors(predictor.runs), run, one, [other])[0]
+def sigma(fit, further):
+    return float(np.sqrt(2.0 * max(further, 0.0)))
 
 
-def test_a_supposition_is_not_apart_from_itself(predictor):
-    one = supposed(predictor, "vehicle_mass", 0.1)
-    assert separation(predictor, "tip_in", 5, one, one) == pytest.approx(0.0, abs=1e-6)
+def propose(healthy, one, rivals, monkeypatch, gears=(5,), kinds=("tip_in",), sigma=sigma):
+    """By recordings that say nothing of the one or the other."""
+    fitter, _, noise = healthy
+    monkeypatch.setattr(proposal, "_GEARS", gears)
+    monkeypatch.setattr(proposal, "_PROFILES", {kind: proposal._PROFILES[kind] for kind in kinds})
+    return proposal.propose(fitter, SimpleNamespace(best=one, noise=noise, apart=sigma), rivals)
 
 
-def test_what_another_size_imitates_is_not_apart(predictor):
-    """A little more inertia is no other cause."""
-    one, other = (supposed(predictor, "engine_inertia", x) for x in (0.1, 0.12))
-    stiffness = supposed(predictor, "shaft_stiffness:axle_shaft_stiffness", -0.2)
-    same = separation(predictor, "tip_in", 5, one, other)
-    assert same < 0.3 * separation(predictor, "tip_in", 5, one, stiffness)
+def test_a_supposition_is_not_apart_from_itself(healthy, monkeypatch):
+    one = supposed(healthy, "vehicle_mass", 0.1)
+    assert propose(healthy, one, [one], monkeypatch).separation_sigma == 0.0
 
 
-def test_air_drag_and_rolling_resistance_part_where_it_is_fast(predictor):
-    drag, rolling = (supposed(predictor, cause, 0.5) for cause in ("aerodynamic_drag", "rolling_resistance"))
-    assert separation(predictor, "tip_in", 7, drag, rolling) > separation(predictor, "coast_down", 3, drag, rolling)
+def test_a_run_says_more_of_what_it_shows_than_was_known(healthy):
+    fitter, _, noise = healthy
+    one = supposed(healthy, "engine_inertia", 0.15)
+    run = proposal._candidate(fitter.predictor.car, fitter.predictor.runs[0], "tip_in",
+                              proposal._PROFILES["tip_in"][1], 5, 220.0, 12.0)
+    square = proposal.information(fitter.predictor, noise, run, one)
+    assert np.linalg.eigvalsh(square).min() > -1e-6 * np.linalg.eigvalsh(square).max()
+    evidence, _, _ = fitter.judged(one, noise)
+    shared = fitter.layout.shared
+    after = evidence.expecting(square[np.ix_(shared, shared)], one.shared[shared])
+    [place] = np.flatnonzero(shared == fitter.predictor.index("engine_inertia")[0])
+    spread = prior(fitter.coordinates, one.causes)
+    before, then = (np.sqrt(e.posterior(spread).covariance[place, place]) for e in (evidence, after))
+    assert 0.3 * before < then < 0.9 * before  # it is much like the one there is
 
 
-def test_the_best_candidate_is_proposed_with_words(predictor, monkeypatch):
-    monkeypatch.setattr(proposal, "_GEARS", (5,))
-    monkeypatch.setattr(proposal, "_TORQUES", (220.0,))
-    monkeypatch.setattr(proposal, "_PROFILES", {k: proposal._PROFILES[k] for k in ("tip_in", "cruise")})
-    one = supposed(predictor, "engine_inertia", 0.15)
-    other = supposed(predictor, "shaft_stiffness:axle_shaft_stiffness", -0.12)
-
-    class Quiet:
-        floors = floors(predictor.runs)
-
-    found = proposal.propose(predictor, Quiet, one, [(other, 0.5)])
-    assert (found.kind, found.gear) == ("tip_in", 5) and found.separation_sigma > 3.0 and found.nearest is other
-    assert "engine inertia" in proposal.words(found, one)
+def test_what_does_the_same_is_not_told_apart_and_that_is_said(healthy, monkeypatch):
+    """On a road without turns nothing tells a slope from rolling resistance."""
+    rolling, grade, mass = (supposed(healthy, cause, x) for cause, x in
+                            (("rolling_resistance", 0.5), ("road_grade", 0.008), ("vehicle_mass", 0.1)))
+    found = propose(healthy, rolling, [grade], monkeypatch)
+    assert found.separation_sigma < APART and "too little" in proposal.words(found, rolling)
+    assert propose(healthy, rolling, [mass], monkeypatch).separation_sigma > APART
 
 
-def test_a_manoeuvre_has_to_tell_all_rivals_apart(predictor, monkeypatch):
-    """At speed air drag shows; what only tells the tyres would leave it where it is."""
-    monkeypatch.setattr(proposal, "_GEARS", (3, 7))
-    monkeypatch.setattr(proposal, "_TORQUES", (220.0,))
-    monkeypatch.setattr(proposal, "_PROFILES", {"tip_in": proposal._PROFILES["tip_in"]})
+def test_the_best_candidate_is_proposed_with_words(healthy, monkeypatch):
+    inertia = supposed(healthy, "engine_inertia", 0.2)
+    stiffness = supposed(healthy, "shaft_stiffness:axle_shaft_stiffness", -0.15)
+    found = propose(healthy, inertia, [stiffness], monkeypatch, kinds=("tip_in", "cruise"))
+    assert (found.kind, found.gear) == ("tip_in", 5) and found.separation_sigma > APART
+    assert found.nearest is stiffness
+    assert "engine inertia and shaft stiffness" in proposal.words(found, inertia)
 
-    class Quiet:
-        floors = floors(predictor.runs)
 
-    rolling, drag = (supposed(predictor, cause, 0.3) for cause in ("rolling_resistance", "aerodynamic_drag"))
-    tyres = supposed(predictor, "tyre_stiffness", 0.5)
-    alone = proposal.propose(predictor, Quiet, rolling, [(tyres, 0.0)])
-    both = proposal.propose(predictor, Quiet, rolling, [(tyres, 0.0), (drag, 0.0)])
-    told = proposal.propose(predictor, Quiet, rolling, [(tyres, 0.0), (drag, 100.0)])
-    assert both.nearest is drag and both.separation_sigma < alone.separation_sigma
-    assert both.gear == proposal.propose(predictor, Quiet, rolling, [(drag, 0.0)]).gear
-    assert (told.gear, told.separation_sigma) == (alone.gear, alone.separation_sigma)
+def test_a_manoeuvre_that_tells_more_rivals_apart_is_proposed(healthy, monkeypatch):
+    """What only tells the mass from it would leave the drag of air where it is, and the other way round."""
+    grade, mass, drag = (supposed(healthy, cause, x) for cause, x in
+                         (("road_grade", 0.01), ("vehicle_mass", 0.1), ("aerodynamic_drag", 0.5)))
+    gears = (3, 7)
+    both = propose(healthy, grade, [mass, drag], monkeypatch, gears)
+    alone = {fit.causes[0]: propose(healthy, grade, [fit], monkeypatch, gears) for fit in (mass, drag)}
+    assert both.separation_sigma <= min(found.separation_sigma for found in alone.values())
+    told = propose(healthy, grade, [mass, drag], monkeypatch, gears,
+                   sigma=lambda fit, further: sigma(fit, further + (1e4 if fit is drag else 0.0)))
+    assert (told.gear, told.nearest) == (alone["vehicle_mass"].gear, mass)

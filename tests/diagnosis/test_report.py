@@ -98,7 +98,14 @@ def diagnosis(base, verdict):
     """As the pipeline hands it over, for every verdict; finding put together by hand."""
     stiffness = base.car.values["axle_shaft.stiffness"]
     finding = {"verdict": verdict, "wrong": [entry.as_json() for entry in base.wrong], "causes": [], "together": [],
-               "ambiguous_with": [], "next_manoeuvre": None, "unknown": None, "extension": None, "gain": None}
+               "ambiguous_with": [], "next_manoeuvre": None, "unknown": None, "extension": None, "gain": None,
+               "would_show": [
+                   {"effect": "vehicle_mass", "parameter": "vehicle_mass", "nominal": 2200.0, "below": 2090.0,
+                    "above": 2310.0, "unit": "kg"},
+                   {"effect": "coulomb_drag", "parameter": "coulomb_drag_torque", "nominal": 0.0, "below": None,
+                    "above": 9.5, "unit": "N.m"},
+                   {"effect": "road_grade", "parameter": "road_grade_offset", "nominal": 0.0, "below": None,
+                    "above": None, "unit": "rad"}]}
     disturbance, traces, notices = {}, base.traces, ["no <turbine> speed: engine & converter are told together"]
     if verdict in ("cause", "ambiguous"):
         finding["together"] = ["shaft_stiffness"]
@@ -187,6 +194,14 @@ def test_the_finding_is_told(pages, base):
     assert "propeller shaft" in unknown and "growing with its square" in unknown
     assert "Nothing is significantly wrong" in words(pages["none"])
     assert "Why" not in words(pages["none"]) and "None" not in words(pages["none"])
+
+
+def test_what_the_recordings_would_have_shown_is_told(pages):
+    for page in pages.values():
+        said = " ".join(words(page).split())
+        assert "vehicle mass vehicle mass 2200 2090 2310 kg" in said
+        assert "coulomb drag coulomb drag torque 0 9.5 N\N{MIDDLE DOT}m" in said
+        assert "1 would not, however large" in said and "Not at any plausible size: road grade offset." in said
 
 
 def test_what_is_missing_is_shown_over_what_it_could_go_with(base, pages):

@@ -1,0 +1,78 @@
+"""Causes that do the same in given recordings, found before anything is fitted.
+
+On a road without turns nothing tells a slope from rolling resistance. Fitting both to find that out costs as much as
+finding the cause, and which of them ends up a little better is luck. So of those that the derivatives at the vehicle
+file cannot tell apart only one is looked for; the others are put in its place when it was found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cosim.diagnosis.evidence import Evidence, prior
+from cosim.diagnosis.predict import Coordinate
+
+LARGE = 4.0  # detection limits: what cannot be told apart at this size is not told apart at a smaller one
+NEAR = 3.0  # sigma
+
+
+def alike(evidence: Evidence, coordinates: Sequence[Coordinate], causes: Sequence[str]) -> list[tuple[str, ...]]:
+    """Groups of causes any of which imitates any other, nuisances and what healthy cars differ by helping.
+
+    Args:
+        evidence: What the runs say at the vehicle file.
+        coordinates: Of which.
+        causes: Which to compare; those that do nothing while they are small, or differ from run to run, are like no
+            other.
+
+    Returns:
+        Groups of two or more, in the order of ``causes``.
+    """
+    sizes = {cause: _sizes(coordinates, cause) for cause in causes}
+    plain = prior(coordinates, ())
+    shown = [cause for cause in causes if sizes[cause]
+             and all(evidence.separation(size, plain) > NEAR for size in sizes[cause])]
+    same = {(one, other): _imitates(evidence, coordinates, sizes[one], other)
+            for one in shown for other in shown if one != other}
+    groups: list[tuple[str, ...]] = []
+    for cause in shown:
+        for k, group in enumerate(groups):
+            if all(same[cause, other] and same[other, cause] for other in group):
+                groups[k] = (*group, cause)
+                break
+        else:
+            groups.append((cause,))
+    return [group for group in groups if len(group) > 1]
+
+
+def instead(evidence: Evidence, coordinates: Sequence[Coordinate], shared: np.ndarray, gone: str,
+            other: str) -> np.ndarray:
+    """The change of shared coordinates that puts another cause where one was, doing the same.
+
+    Args:
+        evidence: What the runs say at the vehicle file.
+        coordinates: Of which.
+        shared: With the cause that goes.
+        gone, other: Which goes, and which takes its place.
+    """
+    leaves = np.array([x if c.cause == gone else 0.0 for c, x in zip(coordinates, shared)])
+    return evidence.imitated(leaves, prior(coordinates, (other,))) - leaves
+
+
+def _sizes(coordinates: Sequence[Coordinate], cause: str) -> list[np.ndarray]:
+    """The cause alone, large, in each of its parameters; none where derivatives do not say what it does."""
+    mine = [i for i, c in enumerate(coordinates) if c.cause == cause]
+    if any(coordinates[i].run is not None or coordinates[i].parameter.probes for i in mine):
+        return []
+    found = []
+    for i in mine:
+        size = np.zeros(len(coordinates))
+        size[i] = LARGE * coordinates[i].parameter.detection
+        found.append(size)
+    return found
+
+
+def _imitates(evidence: Evidence, coordinates: Sequence[Coordinate], sizes: Sequence[np.ndarray], other: str) -> bool:
+    return all(evidence.separation(size, prior(coordinates, (other,))) < NEAR for size in sizes)
