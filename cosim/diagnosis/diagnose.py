@@ -233,7 +233,7 @@ def _finding(predictor: Predictor, found: Identification) -> dict[str, Any]:
         "ambiguous_with": [{"effects": sorted(set(fit.effects) - set(best.effects)), "separation_sigma": distance}
                            for fit, distance in rivals] if verdict == "ambiguous" else [],
         "next_manoeuvre": None, "unknown": None, "extension": None, "gain": None,
-        "would_show": would_show(found.detectable, predictor.coordinates, predictor.car.values)}
+        "would_show": would_show(found.detectable, found.beside, predictor.coordinates, predictor.car.values)}
 
 
 def _parameters(predictor: Predictor, fit: Fit, effect: str) -> dict[str, dict[str, Any]]:

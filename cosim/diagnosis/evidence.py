@@ -182,6 +182,12 @@ class Evidence:
         covariance = spread[:, None] * cho_solve(factor, np.eye(spread.size)) * spread
         return Posterior(spread * scaled, covariance, log_evidence)
 
+    def foretold(self, spread: np.ndarray) -> np.ndarray:
+        """Log evidence of each run, given all others."""
+        whole = self.posterior(spread).log_evidence
+        rest = [Evidence([other for other in self.seen if other is not seen], self.expected) for seen in self.seen]
+        return np.array([whole - (e.posterior(spread).log_evidence if e.seen else 0.0) for e in rest])
+
     def occam(self, spread: np.ndarray) -> float:
         """Log evidence that coordinates cost for being allowed to be anything within ``spread``."""
         spread = spread[self.layout.shared]

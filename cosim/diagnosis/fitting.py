@@ -11,7 +11,11 @@ from cosim.diagnosis.evidence import Evidence, Layout, Posterior, Slopes, prior
 from cosim.diagnosis.noise import Noise
 from cosim.diagnosis.predict import Predictor
 
-FIRST, FURTHER = -8.0, -25.0  # log odds that a given effect is there, as the first and beside others
+FIRST = -8.0  # log odds that a given effect is there
+# And beside others: what a fit of those misses looks like one. So it has to be all the clearer, unless there are ENOUGH
+# recordings and more than one of them shows it (``shows``).
+FURTHER, FURTHER_OF_FEW, ENOUGH = -12.0, -25.0, 3
+_ALSO = 3.0  # log evidence of all recordings but the one that shows it best
 SECOND_PARAMETER = -3.0  # and that a second parameter of an effect is off as well
 _ENSEMBLE = 8  # simulations with a wandering torque
 _SETTLED = 1.0  # log evidence that a fit with new derivatives may still gain
@@ -60,6 +64,7 @@ class Fit:
         tangents: Of each run.
         posterior: Belief about the shared coordinates under the noise of the comparison.
         score: Log evidence and log prior under it.
+        foretold: Log evidence of each run, given all others; None where runs are too few.
         settled: Whether derivatives of its own gained nothing more.
     """
 
@@ -70,6 +75,7 @@ class Fit:
     tangents: list[Tangent] = field(repr=False)
     posterior: Posterior | None = field(default=None, repr=False)
     score: float = -np.inf
+    foretold: np.ndarray | None = field(default=None, repr=False)
     settled: bool = False
 
     @property
@@ -123,17 +129,50 @@ class Fitter:
         """What is left of the residuals where a fitted supposition is right."""
         return Noise(self.predictor.runs, self.predictor.strays(fit.points, fit.predicted, _ENSEMBLE))
 
-    def judged(self, fit: Fit, noise: Noise) -> tuple[Evidence, Posterior, float]:
-        """What the runs say where a supposition is compared with others, the belief that follows, and its score."""
-        noise, cost = noise.heavy(self.residuals(fit.predicted), _JUDGED)
-        evidence = self.seen(fit, noise)
-        posterior = evidence.posterior(prior(self.coordinates, fit.causes))
-        return evidence, posterior, posterior.log_evidence - cost + log_prior(fit.causes)
+    @property
+    def enough(self) -> bool:
+        """Whether there are recordings enough to ask each what the others foretell."""
+        return len(self.measured) >= ENOUGH
+
+    @property
+    def further(self) -> float:
+        """Log odds that a given effect is there beside others."""
+        return FURTHER if self.enough else FURTHER_OF_FEW
+
+    def log_prior(self, causes: Iterable[str]) -> float:
+        """Log odds of a set of causes before anything was measured."""
+        causes = list(causes)
+        count = len({cause.partition(":")[0] for cause in causes})
+        return FIRST * min(count, 1) + self.further * max(count - 1, 0) + SECOND_PARAMETER * (len(causes) - count)
+
+    def judged(self, fit: Fit, noise: Noise) -> tuple[Evidence, np.ndarray]:
+        """What the runs say where a supposition is compared with others, and what its errors cost each of them."""
+        noise, costs = noise.heavy(self.residuals(fit.predicted), _JUDGED)
+        return self.seen(fit, noise), costs
 
     def assess(self, fit: Fit, noise: Noise) -> Fit:
         """Evidence of a fitted supposition under a noise."""
-        _, fit.posterior, fit.score = self.judged(fit, noise)
+        evidence, costs = self.judged(fit, noise)
+        spread = prior(self.coordinates, fit.causes)
+        fit.posterior = evidence.posterior(spread)
+        fit.score = fit.posterior.log_evidence - float(np.sum(costs)) + self.log_prior(fit.causes)
+        fit.foretold = evidence.foretold(spread) - costs if self.enough else None
         return fit
+
+    def shows(self, fit: Fit, without: Fit) -> bool:
+        """Whether a cause beside others is clear, or more than one recording shows it.
+
+        Each is asked how well the others foretell it with that cause and without; the one that favours it most does not
+        count. What a fit misses in one recording can look like a cause there, and then foretells the others worse.
+
+        Args:
+            fit: With the cause.
+            without: The same without it.
+        """
+        if not self.enough or fit.score - without.score > FURTHER - FURTHER_OF_FEW:
+            return True
+        gains = fit.foretold - without.foretold
+        return float(np.sum(gains) - np.max(gains)) > _ALSO
 
     def seen(self, fit: Fit, noise: Noise) -> Evidence:
         """What the runs say at the points of a fit."""
@@ -273,10 +312,3 @@ def as_found(predictor: Predictor, fit: Fit, point: np.ndarray) -> np.ndarray:
     kept = {i for cause in fit.causes for i in predictor.index(cause)}
     return np.array([x if i in kept or c.name == "start_speed" else 0.0
                      for i, (c, x) in enumerate(zip(predictor.coordinates, point))])
-
-
-def log_prior(causes: Iterable[str]) -> float:
-    """Log odds of a set of causes before anything was measured."""
-    causes = list(causes)
-    count = len({cause.partition(":")[0] for cause in causes})
-    return FIRST * min(count, 1) + FURTHER * max(count - 1, 0) + SECOND_PARAMETER * (len(causes) - count)

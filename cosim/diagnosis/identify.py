@@ -12,14 +12,14 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cosim.diagnosis.alike import alike, instead
 from cosim.diagnosis.detectable import detectable
 from cosim.diagnosis.evidence import Evidence, prior
-from cosim.diagnosis.fitting import Fit, Fitter, log_prior
+from cosim.diagnosis.fitting import FIRST, Fit, Fitter
 from cosim.diagnosis.noise import Noise
 from cosim.diagnosis.predict import Predictor
 
@@ -34,6 +34,7 @@ _SCANNED = 12  # probes that are fitted
 # where another cause stands for the true one its run is bent about it, and that is worth more than noise.
 _PROMISING, _SWAPPED = 25.0, 400.0
 _FURTHER_SCANNED = 6  # further causes that are simulated at several sizes beside the leader's
+_BESIDE = 3  # further causes that are fitted from where the leader is as well
 _STARTED = 20  # suppositions that are simulated where the leader's tangents place them
 _SHORTLIST, _SHORTLIST_PLAIN = 6, 3  # of which are fitted; the latter as if no run were doubtful
 _RIVAL, _RIVALS = 12.0, 4  # log evidence below the leader at which a rival gets derivatives of its own; how many
@@ -55,7 +56,8 @@ class Identification:
         healthy: The supposition without causes.
         noise: Under which they were compared.
         alike: Groups of causes that do the same in these recordings.
-        detectable: Smallest size of every cause that they would show, by its place among the coordinates.
+        detectable: Smallest size of every cause that they would show, by its place among the coordinates; ``beside``,
+            the same beside another cause.
     """
 
     best: Fit
@@ -64,6 +66,7 @@ class Identification:
     noise: Noise
     alike: list[tuple[str, ...]]
     detectable: dict[int, float]
+    beside: dict[int, float]
 
     def shares(self) -> np.ndarray:
         """Of the suppositions in the evidence of all, which add up to 1."""
@@ -108,8 +111,12 @@ class Search:
         self.causes = list(dict.fromkeys(c.cause for c in self.coordinates if c.cause))
 
     def worth(self, fit: Fit) -> bool:
-        """Whether all its causes are large enough to be some."""
-        return all(self.size(fit, cause) >= SMALLEST for cause in fit.causes)
+        """Whether all its causes are large enough to be some, and beside others clear or in more than one recording."""
+        return all(self.size(fit, cause) >= SMALLEST and self._shows(fit, cause) for cause in fit.causes)
+
+    def _shows(self, fit: Fit, cause: str) -> bool:
+        without = self.pool.get(tuple(other for other in fit.causes if other != cause))
+        return without is None or not without.causes or self.fitter.shows(fit, without)
 
     # -- screening ------------------------------------------------------------------------------
 
@@ -131,7 +138,7 @@ class Search:
         sets.update(_key(e for e in fit.causes if e != gone) for gone in fit.causes)
 
         def score(causes: tuple[str, ...]) -> float:
-            return evidence.posterior(prior(self.coordinates, causes)).log_evidence + log_prior(causes)
+            return evidence.posterior(prior(self.coordinates, causes)).log_evidence + self.fitter.log_prior(causes)
 
         own = score(fit.causes)
         return sorted(((score(s) - own, s) for s in sets if len(s) <= MOST_CAUSES), reverse=True)
@@ -142,7 +149,7 @@ class Search:
         A small step that way is no way there: on it the old cause is missing already and the new one not there.
         """
         placed = self.fitter.placed(best, causes, *self.fitter.most_probable(evidence, causes))
-        return placed or Fit(causes, best.shared, best.points, best.predicted, best.tangents)
+        return placed or _renamed(best, causes)
 
     def size(self, fit: Fit, cause: str) -> float:
         """How large a cause is, in detection limits."""
@@ -196,8 +203,9 @@ class Search:
                 break
         self._put_instead()
         leader, *others = self.worthy()
-        visible = detectable(self.fitter.seen(self.file, self.noise), self.coordinates, -log_prior(self.causes[:1]))
-        return Identification(leader, [leader, *others], self.pool[()], self.noise, self.alike, visible)
+        seen = self.fitter.seen(self.file, self.noise)
+        alone, beside = (detectable(seen, self.coordinates, -odds) for odds in (FIRST, self.fitter.further))
+        return Identification(leader, [leader, *others], self.pool[()], self.noise, self.alike, alone, beside)
 
     def worthy(self) -> list[Fit]:
         """The suppositions whose causes are large enough to be some, the likeliest first."""
@@ -316,7 +324,8 @@ class Search:
 
         Fitted with the derivatives of the leader, which say which these are.
         """
-        evidence, _, own = self.fitter.judged(leader, noise)
+        evidence, _ = self.fitter.judged(leader, noise)
+        own = self.fitter.assess(replace(leader), noise).score
         promising = {s: lead for lead, s in self.candidates(leader, evidence)
                      if lead > -(_PROMISING if len(s) > len(leader.causes) else _SWAPPED)}
         fresh = [s for s in promising if not (s in self.pool and self.pool[s].settled)]
@@ -324,6 +333,8 @@ class Search:
         starts += [self.fitter.assess(probe, noise) for probe in self.probes(leader, self._added(leader, fresh), True)]
         starts = sorted(_best_of_each(starts, 1), key=lambda fit: -max(fit.score - own, promising[fit.causes]))[:count]
         starts += self._probed(leader, probes, noise)
+        # where the derivatives place them all at once, single runs may be in worse minima than the leader's
+        starts += [_renamed(leader, s) for s in fresh if len(s) > len(leader.causes)][:_BESIDE]
         stuck = self._stuck(leader, promising) if noise is self.noise else []
         self._enter([self._refined(start, noise) for start in starts])
         for causes in stuck:  # its score counts with derivatives of its own, as that of the one it may replace does
@@ -363,6 +374,11 @@ class Search:
 def separation(lead: float) -> float:
     """A lead in log evidence as a distance [sigma]."""
     return float(np.sqrt(2.0 * max(lead, 0.0) / _TEMPER))
+
+
+def _renamed(fit: Fit, causes: tuple[str, ...]) -> Fit:
+    """Other causes, as yet where another fit is."""
+    return Fit(causes, fit.shared, fit.points, fit.predicted, fit.tangents)
 
 
 def _best_of_each(fits: Iterable[Fit], count: int) -> list[Fit]:

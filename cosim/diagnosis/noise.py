@@ -84,7 +84,7 @@ class Noise:
         result.scales = [scale * np.sqrt(t) for scale, t in zip(self.scales, temperatures)]
         return result
 
-    def heavy(self, residuals: Sequence[np.ndarray], power: float = 1.0) -> tuple[Noise, float]:
+    def heavy(self, residuals: Sequence[np.ndarray], power: float = 1.0) -> tuple[Noise, np.ndarray]:
         """This noise as it is for a supposition that leaves these residuals: with a heavy tail.
 
         Where they are locally more than ``_TAIL`` times as large as they should be, the scale is larger by a
@@ -95,15 +95,15 @@ class Noise:
             power: 1 pulls a fit towards what it misses; with 2 what was missed hardly counts.
 
         Returns:
-            The noise, and what it costs of the log likelihood.
+            The noise, and what it costs of each run's log likelihood.
         """
-        result, cost = copy(self), 0.0
+        result, costs = copy(self), []
         result.scales = []
         for run, residual, least, scale in zip(self.runs, residuals, self.least, self.scales):
             factor = np.maximum(1.0, _local(run, residual) / (_TAIL * least))
             result.scales.append(scale * factor**power)
-            cost += float(np.sum(np.log(factor) * (least / scale) ** 2))
-        return result, cost
+            costs.append(float(np.sum(np.log(factor) * (least / scale) ** 2)))
+        return result, np.array(costs)
 
     def excess(self, residuals: Sequence[np.ndarray]) -> list[dict[str, float]]:
         """Of each run and channel, mean logarithm of what is left over what should be, where it is more."""

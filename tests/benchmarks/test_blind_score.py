@@ -154,17 +154,26 @@ def test_errors_and_intervals_of_parameters():
     assert score.size_errors(elsewhere) == score.covered(elsewhere) == []
 
 
+WOULD_SHOW = [{"effect": "engine_inertia", "parameter": "engine_inertia", "nominal": 0.3, "below": 0.27, "above": 0.33,
+               "beside_another": {"below": 0.25, "above": 0.35}, "unit": "kg.m2"},
+              {"effect": "torque_meter_offset", "parameter": "torque_meter_offset", "nominal": 2.5, "below": -1.5,
+               "above": None, "beside_another": {"below": -4.5, "above": None}, "unit": "N.m"}]
+
+
+@pytest.mark.parametrize("inertia, offset, seen", [(1.12, -5.0, False), (1.12, -8.0, True), (1.2, -5.0, True),
+                                                   (1.05, -8.0, False)])
+def test_the_weaker_of_a_pair_has_to_be_as_large_as_beside_another(inertia, offset, seen):
+    truth = {"engine_inertia": {"engine_inertia": inertia}, "torque_meter_offset": {"torque_meter_offset": offset}}
+    assert score.visible(result("pair", finding("none") | {"would_show": WOULD_SHOW}, truth)) is seen
+
+
 @pytest.mark.parametrize("effect, name, size, seen", [
     ("engine_inertia", "engine_inertia", 1.2, True), ("engine_inertia", "engine_inertia", 1.05, False),
     ("engine_inertia", "engine_inertia", 0.85, True), ("torque_meter_offset", "torque_meter_offset", -8.0, True),
     ("torque_meter_offset", "torque_meter_offset", 8.0, False),
     ("two_stage_stiffness", "first_stage_twist", 0.02, None)])
 def test_a_case_is_judged_by_what_its_recordings_can_show(effect, name, size, seen):
-    told = [{"effect": "engine_inertia", "parameter": "engine_inertia", "nominal": 0.3, "below": 0.27, "above": 0.33,
-             "unit": "kg.m2"},
-            {"effect": "torque_meter_offset", "parameter": "torque_meter_offset", "nominal": 2.5, "below": -1.5,
-             "above": None, "unit": "N.m"}]
-    case = result("single", finding("none") | {"would_show": told}, {effect: {name: size}})
+    case = result("single", finding("none") | {"would_show": WOULD_SHOW}, {effect: {name: size}})
     assert score.visible(case) is seen
     found = rows([case])
     assert (("single, as large as the recordings show", "right cause first") in found) is (seen is True)

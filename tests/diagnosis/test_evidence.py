@@ -119,3 +119,17 @@ def test_what_a_run_is_expected_to_say_is_what_it_says_when_it_shows_that(proble
              for e in (driven, expected)]
     assert leads[1] == pytest.approx(leads[0], abs=1e-8) and max(leads[0]) > 1.0
     assert expected.posterior(spreads[1]).mean == pytest.approx(driven.posterior(spreads[1]).mean, abs=1e-9)
+
+
+def test_each_run_is_foretold_by_the_others(problem):
+    """What the first two say, and then the third given these, is what all say."""
+    coordinates, jacobians, targets, evidence = problem
+    spread = prior(coordinates, ("one",))
+    healthy = prior(coordinates, ())
+    told = evidence.foretold(spread) - evidence.foretold(healthy)
+    without = [r for r in range(RUNS) if r != 1]
+    here = [dense(coordinates, [j[r] for r in runs], [t[r] for r in runs], s)
+            for j, t in ((jacobians, targets),) for runs in (range(RUNS),) for s in (spread, healthy)]
+    assert here[0] - here[1] == pytest.approx(
+        told[1] + Evidence([evidence.seen[r] for r in without]).posterior(spread).log_evidence
+        - Evidence([evidence.seen[r] for r in without]).posterior(healthy).log_evidence, abs=1e-6)

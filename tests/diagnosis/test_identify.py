@@ -135,3 +135,21 @@ def test_of_causes_that_do_the_same_one_is_looked_for_and_both_are_found():
                      for cause in ("slope", "tilt"))
     assert result.best in (first, second) and first.settled and second.settled
     assert abs(first.score - second.score) < 1.0
+
+
+def test_what_one_recording_alone_shows_is_no_further_cause():
+    """Unless it is clear beyond doubt."""
+    search, result = found({"size": 0.4})
+    fitter, best = search.fitter, result.best
+
+    def other(gain, foretold):
+        return replace(best, causes=("curve", *best.causes), score=best.score + gain,
+                       foretold=best.foretold + np.array(foretold))
+
+    fitter.measured = fitter.measured * 2  # recordings enough
+    best = replace(best, foretold=np.zeros(4))
+    assert not fitter.shows(other(1.0, [-1.0, 20.0, -1.0, 0.0]), best)
+    assert fitter.shows(other(1.0, [4.0, 9.0, -1.0, 1.0]), best)
+    assert fitter.shows(other(20.0, [-1.0, 50.0, -1.0, 0.0]), best)
+    fitter.measured = fitter.measured[:2]  # too few to ask
+    assert fitter.shows(other(1.0, [-1.0, 20.0, -1.0, 0.0]), best)
