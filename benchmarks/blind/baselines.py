@@ -246,11 +246,8 @@ class Squares:
         parameters = {}
         for p, x, place in self._sizes(effect, fit.point):
             deviation = np.sqrt(max(fit.covariance[fit.columns.index(place), fit.columns.index(place)], 0.0))
-            nominal, _, unit = p.physical(p.neutral, self.predictor.car.values)
-            value, *ends = (p.physical(p.size(float(x + d * deviation)), self.predictor.car.values)[1]
-                            for d in (0.0, -1.645, 1.645))
-            parameters[p.name] = {"nominal": nominal, "value": value, "low90": min(ends), "high90": max(ends),
-                                  "unit": unit}
+            ends = (p.size(float(x + d * deviation)) for d in (0.0, -1.645, 1.645))
+            parameters[p.name] = p.found(*ends, self.predictor.car.values)
         return {"effect": effect, "probability": 1.0, "parameters": parameters}
 
     def _sizes(self, effect: str, u: np.ndarray) -> list[tuple[Any, float, int]]:

@@ -34,6 +34,7 @@ class EffectParameter:
         limits: Smallest and largest size that is plausible; outside it is not a cause.
         detection: Rough smallest change of ``coordinate`` that shows in a few recordings.
         probes: Sizes from which to start a search, for effects that do nothing while they are small.
+        nominal: What the vehicle file has of it, in its unit, where that is not the first target.
     """
 
     name: str
@@ -45,6 +46,7 @@ class EffectParameter:
     limits: tuple[float, float]
     detection: float
     probes: tuple[float, ...] = ()
+    nominal: Callable[[Values], float] | None = None
 
     @property
     def neutral(self) -> float:
@@ -72,7 +74,7 @@ class EffectParameter:
         """Nominal value, value and unit, as an engineer reads them; a factor where there are several."""
         if self.scale == "log" and len(self.targets) + self.targets[0].count("*") > 1:
             return 1.0, size, "1"
-        nominal = values.get(self.targets[0], self.neutral)
+        nominal = self.nominal(values) if self.nominal else values.get(self.targets[0], self.neutral)
         return nominal, self.applied(size, nominal), self.unit
 
     def found(self, size: float, low: float, high: float, values: Values) -> dict[str, float | str]:
@@ -96,9 +98,10 @@ def factor(name: str, *targets: str, unit: str, meaning: str, spread: float, lim
 
 
 def shift(name: str, *targets: str, unit: str, meaning: str, spread: float, limits: tuple[float, float],
-          detection: float, probes: tuple[float, ...] = ()) -> EffectParameter:
+          detection: float, probes: tuple[float, ...] = (),
+          nominal: Callable[[Values], float] | None = None) -> EffectParameter:
     """A number that adds to what the vehicle file says."""
-    return EffectParameter(name, targets, unit, meaning, "linear", spread, limits, detection, probes)
+    return EffectParameter(name, targets, unit, meaning, "linear", spread, limits, detection, probes, nominal)
 
 
 def scaled(parameters: tuple[EffectParameter, ...], sizes: Values, values: Values) -> dict[str, float]:

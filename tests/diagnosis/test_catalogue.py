@@ -66,7 +66,7 @@ def test_a_parameter_is_neutral_inside_its_limits_and_names_what_there_is(one, p
             assert target in declared or target in DEFAULTS
     unit = {v.name: v.unit for v in plant("plant_fom", initialize=False).variables}
     first = parameter.targets[0].replace("[*]", "[1]")
-    if first in unit and one.change is None and parameter.physical(1.0, nominal())[2] != "1":
+    if first in unit and parameter.nominal is None and parameter.physical(1.0, nominal())[2] != "1":
         assert parameter.unit == unit[first]
 
 
@@ -150,6 +150,9 @@ def test_a_suspension_comes_and_goes_with_its_compliance():
     assert made["suspension.enabled"] and made["suspension.stiffness"] == pytest.approx(1e6)
     gone = apply(change, {"suspension_compliance": -1.0 / sprung["suspension.stiffness"]}, sprung)
     assert not gone["suspension.enabled"]
+    assert change.parameters[0].physical(1e-6, rigid) == (0.0, 1e-6, "m/N")
+    there = 1.0 / sprung["suspension.stiffness"]
+    assert change.parameters[0].physical(1e-6, sprung) == (there, there + 1e-6, "m/N")
     softer = apply(change, {"suspension_compliance": 1.0 / sprung["suspension.stiffness"]}, sprung)
     assert softer["suspension.stiffness"] == pytest.approx(0.5 * sprung["suspension.stiffness"])
 

@@ -20,12 +20,16 @@ def _moved(sizes: Values, values: Values) -> dict[str, float]:
             "transmission.half_gap": values["transmission.half_gap"] + moved * ratio}
 
 
+def _moved_already(values: Values) -> float:
+    return 0.0
+
+
 EFFECT = Effect(
     acts_on="propeller shaft",
     parameters=(
         shift("backlash_shift", "transmission.half_gap", "final_drive.half_gap", unit="rad",
               meaning="half gap moved from the final drive to the transmission, at the propeller shaft",
-              spread=0.015, limits=(-0.1, 0.1), detection=0.008),
+              spread=0.015, limits=(-0.1, 0.1), detection=0.008, nominal=_moved_already),
     ),
     change=_moved,
 )

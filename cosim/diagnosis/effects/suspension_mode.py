@@ -31,7 +31,7 @@ EFFECT = Effect(
     parameters=(
         shift("suspension_compliance", "suspension.stiffness", unit="m/N",
               meaning="fore-aft compliance of the driven axle in the body beyond the file's",
-              spread=5e-7, limits=(-1e-5, 1e-5), detection=4e-07),
+              spread=5e-7, limits=(-1e-5, 1e-5), detection=4e-07, nominal=_compliance),
     ),
     change=_compliant,
 )
