@@ -30,7 +30,8 @@ def detectable(evidence: Evidence, coordinates: Sequence[Coordinate], needed: fl
     """
     healthy, found, parameters = prior(coordinates, ()), {}, set()
     for i, c in enumerate(coordinates):
-        if not c.cause or c.parameter.probes or (c.cause, c.name) in parameters:
+        nothing_yet = bool(c.cause) and c.run is None and bool(c.parameter.probes)  # while it is small
+        if not c.cause or nothing_yet or (c.cause, c.name) in parameters:
             continue
         parameters.add((c.cause, c.name))
         unit = np.array([float((other.cause, other.name, other.part) == (c.cause, c.name, 0)) for other in coordinates])

@@ -21,7 +21,7 @@ def coordinate(cause, run=None, probes=(), make=factor, low=-1.0, high=1.0):
 @pytest.fixture(scope="module")
 def problem():
     random = np.random.default_rng(11)
-    swing = coordinate("swing", run=0)
+    swing = coordinate("swing", run=0, probes=(0.5,))
     coordinates = [coordinate("clear"), coordinate("dim"), coordinate("never"), swing, replace(swing, part=1),
                    coordinate("late", probes=(2.0,)), Coordinate("start", "", "", 0, None, 0.3, 0.3, 0.01)]
     jacobian = random.standard_normal((SAMPLES, 7)) * np.array([30.0, 2.0, 0.0, 4.0, 4.0, 1.0, 1.0])
