@@ -113,7 +113,7 @@ def visible(result: Result) -> bool | None:
 
 
 def _beyond(ends: Mapping[str, float | None], nominal: float, parameter: EffectParameter, size: float) -> bool:
-    value = size * nominal if parameter.scale == "log" else size + nominal
+    value = parameter.applied(size, nominal)
     return (ends["below"] is not None and value <= ends["below"]) or (ends["above"] is not None
                                                                      and value >= ends["above"])
 

@@ -16,6 +16,7 @@ from functools import cached_property
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
+from scipy.optimize import lsq_linear
 
 from cosim.diagnosis.noise import WANDER, WANDER_TIME
 from cosim.diagnosis.plants.hats import correlation
@@ -37,18 +38,36 @@ def heterogeneity(coordinates: Sequence[Coordinate]) -> np.ndarray:
                      else 0.5 * c.tolerance for c in coordinates])
 
 
+def within(factor: np.ndarray, best: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """The most probable point of a Gaussian within bounds.
+
+    Not the nearest: where one of two that make up for each other ends at its bound, the other stays back as well.
+
+    Args:
+        factor: Lower Cholesky factor of its precision.
+        best: Its mean.
+        low, high: Bounds.
+    """
+    if np.all((best >= low) & (best <= high)):
+        return best
+    return lsq_linear(np.tril(factor).T, np.tril(factor).T @ best, (low, high), method="bvls").x
+
+
 @dataclass(frozen=True)
 class Posterior:
-    """Gaussian belief about the shared coordinates.
+    """Belief about the shared coordinates: a Gaussian, of which bounds may cut off the middle.
 
     Attributes:
-        mean, covariance: Of them.
+        best, covariance: Where it is highest within the bounds, and what it would be without them.
         log_evidence: Of the data, up to what all suppositions share.
+        least: Minus twice the log posterior density where it is highest, by the linearised runs; what
+            ``Fitter.cost`` is by simulation.
     """
 
-    mean: np.ndarray
+    best: np.ndarray
     covariance: np.ndarray
     log_evidence: float
+    least: float
 
 
 class Layout:
@@ -57,6 +76,13 @@ class Layout:
     Args:
         coordinates: All of them.
         runs: How many runs.
+
+    Attributes:
+        shared, own: Places of the shared coordinates and of each run's own.
+        columns: Those a run depends on.
+        low, high: Plausible range of the shared ones.
+        deviation: By how much a run's may differ from the shared ones, one sigma.
+        precision: Inverse prior covariance of each run's own.
     """
 
     def __init__(self, coordinates: Sequence[Coordinate], runs: int) -> None:
@@ -64,7 +90,8 @@ class Layout:
         self.shared = np.array([i for i, c in enumerate(coordinates) if not c.nuisance])
         self.own = [np.array([i for i, c in enumerate(coordinates) if c.nuisance and c.run == r])
                     for r in range(runs)]
-        self.columns = [np.concatenate([self.shared, own]) for own in self.own]  # what a run depends on
+        self.columns = [np.concatenate([self.shared, own]) for own in self.own]
+        self.low, self.high = (np.array([getattr(coordinates[i], end) for i in self.shared]) for end in ("low", "high"))
         self.deviation = heterogeneity([coordinates[i] for i in self.shared])
         self.precision = [self._precision(own) for own in self.own]
 
@@ -136,9 +163,14 @@ class Seen:
     length: float
 
     def point(self, shared: np.ndarray) -> np.ndarray:
-        """The most probable coordinates of the run, given the shared ones; all others 0."""
+        """The most probable plausible coordinates of the run, given the shared ones; all others 0."""
         s = self.slopes
         v = shared + s.loose @ (self.exact - s.information @ shared)
+        free = s.layout.deviation > 0.0
+        d, low, best, high = (x[free] for x in (s.layout.deviation, s.layout.low - shared, v - shared,
+                                                s.layout.high - shared))
+        precision = np.eye(d.size) + d[:, None] * s.information[np.ix_(free, free)] * d
+        v[free] = shared[free] + d * within(np.linalg.cholesky(precision), best / d, low / d, high / d)
         result = np.zeros(len(s.layout.coordinates))
         result[s.layout.shared] = v
         result[s.layout.own[s.run]] = s.inverse @ (self.own - s.cross @ v)
@@ -159,9 +191,9 @@ class Evidence:
         self.layout = seen[0].slopes.layout
 
     @cached_property
-    def _sums(self) -> tuple[np.ndarray, np.ndarray, float]:
-        told = [(s.slopes.capped, s.capped, s.length + s.slopes.log_determinant) for s in self.seen]
-        told += [(square, square @ there, float(there @ square @ there)) for square, there in self.expected]
+    def _sums(self) -> tuple[np.ndarray, np.ndarray, float, float]:
+        told = [(s.slopes.capped, s.capped, s.length, s.slopes.log_determinant) for s in self.seen]
+        told += [(square, square @ there, float(there @ square @ there), 0.0) for square, there in self.expected]
         return tuple(sum(parts) for parts in zip(*told))
 
     def expecting(self, square: np.ndarray, there: np.ndarray) -> Evidence:
@@ -171,35 +203,38 @@ class Evidence:
         """
         return Evidence(self.seen, [*self.expected, (square, there)])
 
+    def _factor(self, spread: np.ndarray) -> tuple[np.ndarray, bool]:
+        """Of the information on shared coordinates in units of ``spread``, that of the prior with it."""
+        return cho_factor(np.eye(spread.size) + spread[:, None] * self._sums[0] * spread, lower=True)
+
     def posterior(self, spread: np.ndarray) -> Posterior:
         """Belief and evidence with prior standard deviations ``spread`` (all coordinates)."""
         spread = spread[self.layout.shared]
-        square, product, length = self._sums
-        factor = cho_factor(np.eye(spread.size) + spread[:, None] * square * spread, lower=True)
-        scaled = cho_solve(factor, spread * product)
-        log_evidence = -0.5 * (length - float((spread * product) @ scaled)) - float(
-            np.sum(np.log(np.diag(factor[0]))))
+        _, product, length, log_determinant = self._sums
+        factor = self._factor(spread)
+        highest = cho_solve(factor, spread * product)
+        best = within(factor[0], highest, self.layout.low / spread, self.layout.high / spread)
+        least = length - float((spread * product) @ highest) + float(
+            np.sum((np.tril(factor[0]).T @ (best - highest)) ** 2))
+        log_evidence = -0.5 * (least + log_determinant) - float(np.sum(np.log(np.diag(factor[0]))))
         covariance = spread[:, None] * cho_solve(factor, np.eye(spread.size)) * spread
-        return Posterior(spread * scaled, covariance, log_evidence)
+        return Posterior(spread * best, covariance, log_evidence, least)
 
     def foretold(self, spread: np.ndarray) -> np.ndarray:
-        """Log evidence of each run, given all others."""
+        """Log evidence of each of several runs, given all others."""
         whole = self.posterior(spread).log_evidence
         rest = [Evidence([other for other in self.seen if other is not seen], self.expected) for seen in self.seen]
-        return np.array([whole - (e.posterior(spread).log_evidence if e.seen else 0.0) for e in rest])
+        return np.array([whole - e.posterior(spread).log_evidence for e in rest])
 
     def occam(self, spread: np.ndarray) -> float:
         """Log evidence that coordinates cost for being allowed to be anything within ``spread``."""
-        spread = spread[self.layout.shared]
-        return 0.5 * float(np.linalg.slogdet(np.eye(spread.size) + spread[:, None] * self._sums[0] * spread)[1])
+        return float(np.sum(np.log(np.diag(self._factor(spread[self.layout.shared])[0]))))
 
     def imitated(self, change: np.ndarray, spread: np.ndarray) -> np.ndarray:
         """The coordinates, as far as ``spread`` allows, that change data most nearly as ``change`` does."""
         spread, shared = spread[self.layout.shared], self.layout.shared
-        square = self._sums[0]
-        matrix = np.eye(spread.size) + spread[:, None] * square * spread
         found = np.zeros(change.size)
-        found[shared] = spread * np.linalg.solve(matrix, spread * (square @ change[shared]))
+        found[shared] = spread * cho_solve(self._factor(spread), spread * (self._sums[0] @ change[shared]))
         return found
 
     def separation(self, change: np.ndarray, spread: np.ndarray) -> float:

@@ -18,7 +18,7 @@ FURTHER, FURTHER_OF_FEW, ENOUGH = -12.0, -25.0, 3
 _ALSO = 3.0  # log evidence of all recordings but the one that shows it best
 SECOND_PARAMETER = -3.0  # and that a second parameter of an effect is off as well
 _ENSEMBLE = 8  # simulations with a wandering torque
-_SETTLED = 1.0  # log evidence that a fit with new derivatives may still gain
+SETTLED = 1.0  # log evidence that a fit with new derivatives may still gain
 _BENT = 2.0  # squared distance [sigma] between a run and its tangent at which derivatives are renewed
 _JUDGED = 2.0  # power of the heavy tail where suppositions are compared
 _ROUNDS = 3  # of new derivatives for a fit
@@ -63,9 +63,11 @@ class Fit:
         predicted: Stacked channels of each run.
         tangents: Of each run.
         posterior: Belief about the shared coordinates under the noise of the comparison.
-        score: Log evidence and log prior under it.
+        hope: Log evidence and log prior under it, where the derivatives say that it is highest.
+        score: The same where the fit is.
         foretold: Log evidence of each run, given all others; None where runs are too few.
-        settled: Whether derivatives of its own gained nothing more.
+        near: Whether new derivatives by its causes and the runs' own gained nothing more.
+        settled: Whether new ones by everything did not.
     """
 
     causes: tuple[str, ...]
@@ -74,8 +76,10 @@ class Fit:
     predicted: list[np.ndarray] = field(repr=False)
     tangents: list[Tangent] = field(repr=False)
     posterior: Posterior | None = field(default=None, repr=False)
+    hope: float = -np.inf
     score: float = -np.inf
     foretold: np.ndarray | None = field(default=None, repr=False)
+    near: bool = False
     settled: bool = False
 
     @property
@@ -98,7 +102,6 @@ class Fitter:
         self.low = np.array([c.low for c in self.coordinates])
         self.high = np.array([c.high for c in self.coordinates])
         self.scale = np.array([c.tolerance for c in self.coordinates])
-        self.numbers = {i for i, c in enumerate(self.coordinates) if c.run is None and not c.effect}
 
     def nominal(self) -> Fit:
         """The vehicle file as it is, with derivatives by everything.
@@ -127,7 +130,8 @@ class Fitter:
 
     def noise(self, fit: Fit) -> Noise:
         """What is left of the residuals where a fitted supposition is right."""
-        return Noise(self.predictor.runs, self.predictor.strays(fit.points, fit.predicted, _ENSEMBLE))
+        strays = self.predictor.strays(fit.points, fit.predicted, _ENSEMBLE)
+        return Noise(self.predictor.runs, strays, self.predictor.bent(fit.points))
 
     @property
     def enough(self) -> bool:
@@ -145,17 +149,18 @@ class Fitter:
         count = len({cause.partition(":")[0] for cause in causes})
         return FIRST * min(count, 1) + self.further * max(count - 1, 0) + SECOND_PARAMETER * (len(causes) - count)
 
-    def judged(self, fit: Fit, noise: Noise) -> tuple[Evidence, np.ndarray]:
-        """What the runs say where a supposition is compared with others, and what its errors cost each of them."""
-        noise, costs = noise.heavy(self.residuals(fit.predicted), _JUDGED)
-        return self.seen(fit, noise), costs
+    def judged(self, fit: Fit, noise: Noise) -> Evidence:
+        """What the runs say where a supposition is compared with others."""
+        return self.seen(fit, noise.heavy(self.residuals(fit.predicted), _JUDGED)[0])
 
     def assess(self, fit: Fit, noise: Noise) -> Fit:
         """Evidence of a fitted supposition under a noise."""
-        evidence, costs = self.judged(fit, noise)
+        heavy, costs = noise.heavy(self.residuals(fit.predicted), _JUDGED)
+        evidence = self.seen(fit, heavy)
         spread = prior(self.coordinates, fit.causes)
         fit.posterior = evidence.posterior(spread)
-        fit.score = fit.posterior.log_evidence - float(np.sum(costs)) + self.log_prior(fit.causes)
+        fit.hope = fit.posterior.log_evidence - float(np.sum(costs)) + self.log_prior(fit.causes)
+        fit.score = fit.hope - 0.5 * (self.cost(heavy, fit) - fit.posterior.least)
         fit.foretold = evidence.foretold(spread) - costs if self.enough else None
         return fit
 
@@ -208,10 +213,8 @@ class Fitter:
     def most_probable(self, evidence: Evidence, causes: tuple[str, ...]) -> tuple[np.ndarray, list[np.ndarray]]:
         """What is shared, and the coordinates of each run, by what linearised runs say; within what is plausible."""
         shared = np.zeros(len(self.coordinates))
-        shared[self.layout.shared] = evidence.posterior(prior(self.coordinates, causes)).mean
-        shared = np.clip(shared, self.low, self.high)
-        return shared, [np.clip(seen.point(shared[self.layout.shared]), self.low, self.high)
-                        for seen in evidence.seen]
+        shared[self.layout.shared] = evidence.posterior(prior(self.coordinates, causes)).best
+        return shared, [seen.point(shared[self.layout.shared]) for seen in evidence.seen]
 
     def refine(self, fit: Fit, noise: Noise, iterations: int = 12) -> Fit:
         """Most probable coordinates, by Gauss-Newton with derivatives that follow the steps."""
@@ -228,7 +231,7 @@ class Fitter:
             if gained <= 0.0:
                 break
             fit = moved
-            if gained < _SETTLED:
+            if gained < SETTLED:
                 break
         return fit
 
@@ -269,13 +272,13 @@ class Fitter:
 
         Args:
             fit: Where.
-            everything: By all coordinates but the file's numbers; or only by its causes and the runs' own.
+            everything: Or only by its causes and the runs' own.
         """
         needed = {int(i) for own in self.layout.own for i in own}
         needed.update(i for cause in fit.causes for i in self.predictor.index(cause))
         tangents = list(fit.tangents)
         wanted = {r: [int(i) for i in self.layout.columns[r]
-                      if (i not in self.numbers if everything else i in needed)]
+                      if everything or i in needed]
                   for r, tangent in enumerate(tangents) if tangent.bent > _BENT}
         for (r, renewed), part in zip(wanted.items(), self.predictor.jacobian(fit.points, fit.predicted, wanted)):
             jacobian = tangents[r].jacobian.copy()
@@ -284,19 +287,20 @@ class Fitter:
         return Fit(fit.causes, fit.shared, fit.points, fit.predicted, tangents)
 
     def renewed(self, fit: Fit, noise: Noise, everything: bool = True) -> Fit:
-        """Refined with derivatives of its own; settled where they gained no more."""
+        """Refined with derivatives of its own, by everything or only by its causes and the runs' own."""
         was = fit.score
         fit = self.assess(self.refine(self.relinearise(fit, everything), noise), noise)
-        fit.settled = everything and fit.score - was < _SETTLED
+        fit.near = fit.score - was < SETTLED
+        fit.settled = fit.near and everything
         return fit
 
-    def settle(self, fit: Fit, noise: Noise) -> Fit:
+    def settle(self, fit: Fit, noise: Noise, everything: bool = True) -> Fit:
         """Refined with derivatives of its own until they gain no more, at most ``_ROUNDS`` times."""
         for _ in range(_ROUNDS):
-            if fit.settled:
+            if fit.settled or fit.near and not everything:
                 break
-            fit = self.renewed(fit, noise)
-        fit.settled = True
+            fit = self.renewed(fit, noise, everything)
+        fit.near, fit.settled = True, everything
         return fit
 
     def placed(self, fit: Fit, causes: tuple[str, ...], shared: np.ndarray, points: list[np.ndarray]) -> Fit | None:

@@ -19,7 +19,7 @@ import numpy as np
 from cosim.diagnosis.alike import alike, instead
 from cosim.diagnosis.detectable import detectable
 from cosim.diagnosis.evidence import Evidence, prior
-from cosim.diagnosis.fitting import FIRST, Fit, Fitter
+from cosim.diagnosis.fitting import FIRST, SETTLED, Fit, Fitter
 from cosim.diagnosis.noise import Noise
 from cosim.diagnosis.predict import Predictor
 
@@ -89,7 +89,7 @@ class Search:
         pool: What was fitted so far, by its causes.
         file: The vehicle file as it is, and ``first``, what the runs say there.
         causes: Which are looked for: of those that are ``alike`` the first.
-        judged: The causes of whose noise it is compared under.
+        judged: The causes of the settled leader whose noise it is compared under; None before there is one.
         plain, noise: That noise, and the same with doubts.
         challenged: The leader that was challenged last.
         tried: Settled rivals that were fitted again from there.
@@ -98,7 +98,7 @@ class Search:
     file: Fit
     first: Evidence
     alike: list[tuple[str, ...]]
-    judged: tuple[str, ...]
+    judged: tuple[str, ...] | None
     plain: Noise
     noise: Noise
 
@@ -227,6 +227,11 @@ class Search:
         """Compare under the noise of another leader."""
         self.judged, self.plain = leader.causes, self.fitter.noise(leader)
         self._compare(self.doubted())
+        for fit in self._ranked()[:_RIVALS]:  # each where it explains most under that noise
+            moved = self._refined(fit, self.noise)
+            still = moved.score - fit.score < SETTLED
+            moved.near, moved.settled = fit.near and still, fit.settled and still
+            self._enter([moved])
 
     def _compare(self, noise: Noise) -> None:
         self.noise = noise
@@ -257,9 +262,9 @@ class Search:
         """No cause, and every cause alone, as far as they are worth a fit; and a noise for them."""
         self.say(f"sensitivities to {len(self.coordinates)} parameters over {len(self.predictor.runs)} runs")
         self.file = self.fitter.nominal()
-        self.judged, self.plain = (), self.fitter.noise(self.file)
+        self.judged, self.plain = None, self.fitter.noise(self.file)
         self.noise = self.plain
-        self.first = self.fitter.judged(self.file, self.noise)[0]
+        self.first = self.fitter.judged(self.file, self.noise)
         self.alike = alike(self.first, self.coordinates, self.causes)
         for first, *others in self.alike:
             self.say(f"{first} does the same here as {', '.join(others)}")
@@ -283,7 +288,7 @@ class Search:
                 start = self.fitter.placed(fit, causes, there[0], there[1:])
                 if start is not None:
                     start = self._refined(start, self.noise)
-                    self._enter([self.fitter.settle(start, self.noise) if fit is leader else start])
+                    self._enter([self.fitter.settle(start, self.noise, False) if fit is leader else start])
 
     def _swaps(self, fit: Fit) -> list[tuple[str, str]]:
         return [(gone, other) for group in self.alike for gone in group if gone in fit.causes
@@ -298,12 +303,13 @@ class Search:
         if self.noise.temperatures.max() > _DOUBTS_ALIKE:  # what it would take to explain the doubtful runs as well
             self._challengers(leader, probes, self.plain, _SHORTLIST_PLAIN)
         self._doubt_again()
-        # what the derivatives promise counts as well: a fit that fell short of it is in another minimum
-        behind = {fit.causes: leader.score - fit.score for fit in self.pool.values()}
+        # what derivatives promise counts as well, its own and the leader's: a fit that fell short may be in another
+        # minimum
+        behind = {fit.causes: min(leader.score - fit.score, leader.hope - fit.hope) for fit in self.pool.values()}
         behind |= {s: min(behind[s], -hope) for s, hope in hopes.items() if s in behind}
-        close = [fit for fit in self.worthy() if not fit.settled and behind[fit.causes] < _RIVAL]
+        close = [fit for fit in self.worthy() if not fit.near and behind[fit.causes] < _RIVAL]
         for fit in sorted(close, key=lambda fit: behind[fit.causes])[:_RIVALS]:
-            self.pool[fit.causes] = self.fitter.settle(fit, self.noise)
+            self.pool[fit.causes] = self.fitter.settle(fit, self.noise, everything=False)
         return bool(close) or self.worthy()[0] is not leader
 
     def _scanned(self, start: Fit) -> list[Fit]:
@@ -324,14 +330,14 @@ class Search:
 
         Fitted with the derivatives of the leader, which say which these are.
         """
-        evidence, _ = self.fitter.judged(leader, noise)
-        own = self.fitter.assess(replace(leader), noise).score
+        evidence = self.fitter.judged(leader, noise)
+        own = self.fitter.assess(replace(leader), noise).hope
         promising = {s: lead for lead, s in self.candidates(leader, evidence)
                      if lead > -(_PROMISING if len(s) > len(leader.causes) else _SWAPPED)}
-        fresh = [s for s in promising if not (s in self.pool and self.pool[s].settled)]
+        fresh = [s for s in promising if not (s in self.pool and self.pool[s].near)]
         starts = [self.fitter.assess(self.start(leader, s, evidence), noise) for s in fresh[:_STARTED]]
         starts += [self.fitter.assess(probe, noise) for probe in self.probes(leader, self._added(leader, fresh), True)]
-        starts = sorted(_best_of_each(starts, 1), key=lambda fit: -max(fit.score - own, promising[fit.causes]))[:count]
+        starts = sorted(_best_of_each(starts, 1), key=lambda fit: -max(fit.hope - own, promising[fit.causes]))[:count]
         starts += self._probed(leader, probes, noise)
         # where the derivatives place them all at once, single runs may be in worse minima than the leader's
         starts += [_renamed(leader, s) for s in fresh if len(s) > len(leader.causes)][:_BESIDE]
@@ -339,7 +345,7 @@ class Search:
         self._enter([self._refined(start, noise) for start in starts])
         for causes in stuck:  # its score counts with derivatives of its own, as that of the one it may replace does
             start = self.fitter.assess(self.start(leader, causes, evidence), noise)
-            self._enter([self.fitter.settle(self._refined(start, noise), noise)])
+            self._enter([self.fitter.settle(self._refined(start, noise), noise, everything=False)])
         return promising
 
     def _added(self, leader: Fit, fresh: Sequence[tuple[str, ...]]) -> list[str]:
@@ -354,7 +360,7 @@ class Search:
         """
         if leader is not self.challenged:
             self.challenged, self.tried = leader, set()
-        stuck = [s for s, lead in promising.items() if s in self.pool and self.pool[s].settled
+        stuck = [s for s, lead in promising.items() if s in self.pool and self.pool[s].near
                  and lead > -_RIVAL and leader.score + lead > self.pool[s].score + _SHORT and s not in self.tried]
         self.tried.update(stuck[:_RIVALS])
         return stuck[:_RIVALS]
@@ -382,9 +388,9 @@ def _renamed(fit: Fit, causes: tuple[str, ...]) -> Fit:
 
 
 def _best_of_each(fits: Iterable[Fit], count: int) -> list[Fit]:
-    """Of each supposition the starts with most evidence, best first."""
+    """Of each supposition the starts that promise most evidence, best first."""
     chosen: list[Fit] = []
-    for start in sorted(fits, key=lambda fit: -fit.score):
+    for start in sorted(fits, key=lambda fit: -fit.hope):
         if sum(fit.causes == start.causes for fit in chosen) < count:
             chosen.append(start)
     return chosen

@@ -19,13 +19,25 @@ from cosim.diagnosis.noise import Noise
 from cosim.diagnosis.plants.car import PLACES
 from cosim.diagnosis.plants.hats import hats
 from cosim.diagnosis.predict import Predictor
-from cosim.diagnosis.torques import CONSTANT, HEIGHTS, LASTING, QUICK, Healthy, Torque, pieces, signals_of, slopes_of
+from cosim.diagnosis.torques import (
+    CONSTANT,
+    HEIGHTS,
+    LASTING,
+    QUICK,
+    SHAFT_TORQUE,
+    Healthy,
+    Torque,
+    pieces,
+    signals_of,
+    slopes_of,
+)
 
 _SIZES = np.geomspace(0.05, 30.0, 10)  # of the torque looked for, in units of the place's
 _BINS = 12
 _MIXED, _PIECES = 8, 9  # orders of a torque's pieces, which are as many a run
 _TURNS = 0.3  # share of its range by which a curve has to go back to turn
 _LEAST = 0.1  # share of its variance: what goes with less of it than that, it does not go with
+_OWN = 1.0  # log evidence by which a variable is preferred that a place has to do with: others may go with it exactly
 _MORE = 5.0  # log evidence by which a torque that follows a variable has to be more evident than one that need not
 # Over these a torque may swing any number of times: orders of what turns, waves of the road.
 _PERIODIC = {"wheel angle": (2.0 * np.pi,), "distance": tuple(np.geomspace(4.0, 60.0, 40))}
@@ -79,7 +91,7 @@ def disturbances(predictor: Predictor, fit: Fit, noise: Noise) -> list[Disturban
     for place in PLACES:
         # a curve has to be more than a constant, and more than what goes with nothing
         least = max(gains[place, LASTING], gains[place, CONSTANT]) + _MORE
-        quick = max(QUICK, key=lambda name, place=place: gains[place, name])
+        quick = max(QUICK, key=lambda name, place=place: gains[place, name] + _OWN * _is_own(name, place))
         best = quick if gains[place, quick] > least else LASTING
         heights = supposed[place, best].solve(sizes[place, best], left)
         tables = []
@@ -91,6 +103,11 @@ def disturbances(predictor: Predictor, fit: Fit, noise: Noise) -> list[Disturban
         found.append(Disturbance(place, gains[place, best], float(np.std(table["torque"])), table,
                                  "" if best == LASTING else best))
     return sorted(found, key=lambda d: -d.gain)
+
+
+def _is_own(variable: str, place: str) -> bool:
+    """Whether a torque at a place goes with a variable rather than with another that does the same."""
+    return variable == ("twist" if PLACES[place].shaft else SHAFT_TORQUE)
 
 
 def goes_with(table: Mapping[str, np.ndarray], follows: str = "") -> tuple[str, str, float]:

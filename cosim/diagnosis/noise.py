@@ -1,8 +1,9 @@
-"""What is left when a model is right: the sensors' noise, and what an engine torque does that wanders too fast.
+"""What is left when a model is right: the sensors' noise, a torque that wanders too fast, impacts a little off.
 
 Sensors: noise and resolution, white, read off the recordings. The engine torque is what a control unit
 estimates; the true one wanders about it. Most of that is estimated with the parameters (``plants.hats``); what
-is too fast for it is simulated: how much it moves each channel, and where.
+is too fast for it is simulated: how much it moves each channel, and where. And no simulation knows to the
+millisecond when teeth meet; where a signal jumps then, a sample is on one side of the jump or on the other.
 """
 
 from __future__ import annotations
@@ -11,12 +12,13 @@ from collections.abc import Sequence
 from copy import copy
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
 from scipy.signal import lfilter
 
-from cosim.diagnosis.plants import Run
+from cosim.diagnosis.plants import STEP, Run
 
 WANDER, WANDER_TIME = 1.0, 0.1  # of the true torque about its estimate: N.m, s
+_OFF = 4e-3  # s: by which an impact may come earlier or later than simulated
 _TAIL = 2.0  # times the usual scale: from there on errors are no more surprising than their logarithm
 _WINDOW = 0.3  # s: over which scales are averaged
 
@@ -45,6 +47,16 @@ def wander(count: int, step: float, random: np.random.Generator) -> np.ndarray:
     return lfilter([1.0], [1.0, -keep], kicks)
 
 
+def bends(values: np.ndarray) -> np.ndarray:
+    """By how much a signal at every step jumps or bends within a step, somewhere near each instant [unit of values].
+
+    Its second difference: next to nothing for shuffle, the whole of it for a jump.
+    """
+    bend = np.zeros(values.size)
+    bend[1:-1] = np.abs(np.diff(values, 2))
+    return maximum_filter1d(bend, 2 * round(_OFF / STEP) + 1)
+
+
 class Noise:
     """How large the residuals of a good model are, sample by sample: the sensors' floor, and what wanders.
 
@@ -54,6 +66,7 @@ class Noise:
     Args:
         runs: The runs; their measured values say the floors.
         strays: Of each run, how far every sample strays for what is too fast: draws x stacked samples.
+        bent: Of each run, how much the channels bend near every sample (``bends``), stacked.
 
     Attributes:
         floors: Standard deviation of each channel's white noise [its unit].
@@ -62,7 +75,7 @@ class Noise:
         temperatures: Of each run, by what minus the log likelihood is divided.
     """
 
-    def __init__(self, runs: Sequence[Run], strays: Sequence[np.ndarray]) -> None:
+    def __init__(self, runs: Sequence[Run], strays: Sequence[np.ndarray], bent: Sequence[np.ndarray]) -> None:
         self.runs = list(runs)
         self.floors = floors(runs)
         sways = [np.sqrt(np.mean(np.square(s), axis=0)) for s in strays]
@@ -71,8 +84,9 @@ class Noise:
              for row in strays[r][:, run.slices[name]]]) for name in self.floors}
         self.temperatures = np.ones(len(self.runs))
         self.least, self.scales = [], []
-        for run, sway in zip(runs, sways):
+        for run, sway, bend in zip(runs, sways, bent):
             floor = np.concatenate([np.full(clock.size, self.floors[name]) for name, clock in run.clocks.items()])
+            floor = np.hypot(floor, bend)
             count = np.concatenate([np.full(clock.size, alike[name]) for name, clock in run.clocks.items()])
             self.least.append(np.hypot(floor, sway))
             self.scales.append(np.hypot(floor, np.sqrt(count) * sway))

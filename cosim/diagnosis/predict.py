@@ -12,13 +12,13 @@ import multiprocessing
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.effect import Effect, EffectParameter, factor, scaled
-from cosim.diagnosis.noise import WANDER, wander
+from cosim.diagnosis.noise import WANDER, bends, wander
 from cosim.diagnosis.plants import STEP, FullOrderCar, Nuisance, Run
 from cosim.diagnosis.plants.hats import TEETH, comb, fast, hats, parted
 from driveline.quantities import InputError
@@ -202,12 +202,17 @@ class Predictor:
         """
         values, nuisance = self.values(u, run)
         here = self.runs[run]
-        if isinstance(change, tuple):
-            try:
-                return self.car.instruments(self.car.pushed(values, here, nuisance, *change), values, here)
-            except (ArithmeticError, InputError):
-                return None
-        seed = change
+        try:
+            raw = (self.car.pushed(values, here, nuisance, *change) if isinstance(change, tuple)
+                   else self._simulated(values, nuisance, run, change))
+            return self.car.instruments(raw, values, here)
+        except (ArithmeticError, InputError):
+            return None
+
+    def _simulated(self, values: Mapping[str, float], nuisance: Nuisance, run: int,
+                   seed: int | None = None) -> dict[str, np.ndarray]:
+        """What the plant does in a run, without instruments; errors as ``FullOrderCar.raw``."""
+        here = self.runs[run]
         key = (run, seed, nuisance, self._led(values, here),
                tuple(v for name, v in values.items() if not name.startswith("observe.")))
         raw = self._raw.get(key)
@@ -216,14 +221,11 @@ class Predictor:
             torque = 0.0
             if seed is not None:
                 torque = fast(here, wander(len(here.inputs), STEP, np.random.default_rng([seed, run])))
-            try:
-                found = self.car.raw(values, here, nuisance, torque)
-            except (ArithmeticError, InputError):
-                return None
+            found = self.car.raw(values, here, nuisance, torque)
             raw = self._raw[key] = {name: found[name] for name in self._shown}
             while len(self._raw) > 4:
                 self._raw.popitem(last=False)
-        return self.car.instruments(raw, values, here)
+        return raw
 
     @staticmethod
     def _led(values: Mapping[str, float], run: Run) -> tuple[float, ...]:
@@ -311,6 +313,21 @@ class Predictor:
         found = self.many(jobs)
         return [np.array([y - predicted[run] for y in found[run * count:(run + 1) * count] if y is not None])
                 for run in range(len(points))]
+
+    def bent(self, points: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """Of each run, how much its channels bend near every sample (``noise.bends``), stacked.
+
+        Raises:
+            ArithmeticError, InputError: One cannot be simulated.
+        """
+        found = []
+        for r, (run, u) in enumerate(zip(self.runs, points)):
+            values, nuisance = self.values(u, r)
+            steps = replace(run, clocks=dict.fromkeys(run.clocks, run.time))
+            shown = self.car.instruments(self._simulated(values, nuisance, r), values, steps)
+            found.append(np.concatenate([np.interp(clock, run.time, bends(shown[steps.slices[name]]))
+                                         for name, clock in run.clocks.items()]))
+        return found
 
 
 def _instrument(coordinate: Coordinate) -> bool:

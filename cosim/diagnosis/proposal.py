@@ -66,7 +66,7 @@ def propose(fitter: Fitter, found: Identification, rivals: Sequence[Fit]) -> Pro
     """
     one, noise = found.best, found.noise
     predictor = fitter.predictor
-    evidence, _ = fitter.judged(one, noise)
+    evidence = fitter.judged(one, noise)
     shared = fitter.layout.shared
     best, rank = None, ()
     for kind, (torque, corners) in _PROFILES.items():

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 from scipy.stats import multivariate_normal
 
 from cosim.diagnosis.effect import factor
-from cosim.diagnosis.evidence import Evidence, Layout, Slopes, heterogeneity, prior
+from cosim.diagnosis.evidence import Evidence, Layout, Slopes, heterogeneity, prior, within
 from cosim.diagnosis.noise import WANDER, WANDER_TIME
 from cosim.diagnosis.plants.hats import EVERY
 from cosim.diagnosis.predict import WANDERS, Coordinate
@@ -62,9 +63,28 @@ def test_posterior_is_where_the_density_is_highest(problem):
     coordinates, _, _, evidence = problem
     spread = prior(coordinates, ("one", "two"))
     posterior = evidence.posterior(spread)
-    assert posterior.mean[0] == pytest.approx(1.0, abs=0.25)
+    assert posterior.best[0] == pytest.approx(1.0, abs=0.25)
     assert np.all(np.linalg.eigvalsh(posterior.covariance) > 0.0)
     assert np.sqrt(posterior.covariance[0, 0]) < spread[0]
+
+
+def test_where_one_of_two_that_make_up_for_each_other_ends_the_other_stays_back():
+    factor = np.linalg.cholesky(np.array([[1000.0, 999.0], [999.0, 1000.0]]))
+    low, high = np.array([0.0, -10.0]), np.full(2, 10.0)
+    inside = np.array([3.0, -3.0])
+    assert within(factor, inside, low, high) is inside
+    assert within(factor, -inside, low, high) == pytest.approx([0.0, 0.003], abs=1e-9)  # the nearest is [0, 3]
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_the_most_probable_point_within_bounds_is_the_one_a_minimiser_finds(seed):
+    random = np.random.default_rng(seed)
+    matrix = random.standard_normal((6, 4))
+    precision, best = matrix.T @ matrix, 2.0 * random.standard_normal(4)
+    found = within(np.linalg.cholesky(precision), best, -np.ones(4), np.ones(4))
+    slow = minimize(lambda x: (x - best) @ precision @ (x - best), np.zeros(4), bounds=[(-1.0, 1.0)] * 4,
+                    options={"ftol": 1e-14, "gtol": 1e-10})
+    assert found == pytest.approx(slow.x, abs=1e-5)
 
 
 def test_however_sharp_a_run_says_no_more_than_heterogeneity_allows(problem):
@@ -118,7 +138,7 @@ def test_what_a_run_is_expected_to_say_is_what_it_says_when_it_shows_that(proble
     leads = [[e.posterior(s).log_evidence - e.posterior(spreads[0]).log_evidence for s in spreads]
              for e in (driven, expected)]
     assert leads[1] == pytest.approx(leads[0], abs=1e-8) and max(leads[0]) > 1.0
-    assert expected.posterior(spreads[1]).mean == pytest.approx(driven.posterior(spreads[1]).mean, abs=1e-9)
+    assert expected.posterior(spreads[1]).best == pytest.approx(driven.posterior(spreads[1]).best, abs=1e-9)
 
 
 def test_what_all_say_is_what_two_say_and_then_the_third_given_these(problem):

@@ -45,6 +45,9 @@ class Plant(Predictor):
         wave = (1.0 + run) * np.exp(size) * np.sin(2.0 * np.pi * CLOCK * (1.0 + 0.2 * run) / PERIOD + 8.0 * phase)
         return wave + (slope + tilt) * CLOCK + curve * (CLOCK / 6.0) ** 2 + u[5 + run]
 
+    def bent(self, points):
+        return [np.zeros(CLOCK.size) for _ in points]
+
 
 def found(hidden):
     search = Search(Plant(hidden), lambda text: None)
@@ -76,13 +79,24 @@ def test_a_settled_fit_in_another_minimum_is_fitted_again_from_the_leader():
     """Where the leader was settled later and better, its rivals are not left where they were."""
     search, result = found({"phase": 0.5})
     fitter, noise = search.fitter, result.noise
-    stuck = fitter.assess(replace(fitter.nominal(), causes=("phase",), settled=True), noise)
+    stuck = fitter.assess(replace(fitter.nominal(), causes=("phase",), near=True), noise)
     leader = fitter.settle(replace(result.best, causes=("phase", "slope"), settled=False), noise)
     assert stuck.score < result.best.score - 20.0
     search.pool = {(): result.healthy, stuck.causes: stuck, leader.causes: leader}
     search.challenge(leader)
     again = search.pool[("phase",)]
-    assert again.score == pytest.approx(result.best.score, abs=1.0) and again.settled
+    assert again.score == pytest.approx(result.best.score, abs=1.0) and again.near
+
+
+def test_a_score_is_what_was_reached_and_a_hope_what_derivatives_promise():
+    """Where they are right, refining fulfils the promise."""
+    search, result = found({"curve": 0.06})
+    fitter, noise = search.fitter, result.noise
+    start = fitter.assess(replace(fitter.nominal(), causes=("curve",)), noise)
+    moved = fitter.assess(fitter.refine(start, noise), noise)
+    assert start.hope - start.score > 5.0
+    assert moved.score == pytest.approx(start.hope, abs=0.5)
+    assert 0.0 <= moved.hope - moved.score < 0.5
 
 
 def test_two_causes_are_found():
@@ -103,7 +117,7 @@ def test_what_healthy_cars_differ_by_is_no_cause():
 def test_derivatives_follow_a_step_and_tell_how_far_they_were_off():
     random = np.random.default_rng(3)
     run = Plant({}).runs[0]
-    noise = Noise([run], [np.zeros((2, CLOCK.size))])
+    noise = Noise([run], [np.zeros((2, CLOCK.size))], [np.zeros(CLOCK.size)])
     jacobian, step = random.standard_normal((CLOCK.size, 4)), random.standard_normal(4)
     change = random.standard_normal(CLOCK.size)
     moved = Tangent(jacobian).moved(step, change, np.array([1.0, 2.0, 0.5, 0.1]), noise, 0)
@@ -133,7 +147,7 @@ def test_of_causes_that_do_the_same_one_is_looked_for_and_both_are_found():
     assert result.alike == [("slope", "tilt")] and "tilt" not in search.causes
     first, second = (next(fit for fit in result.alternatives if fit.causes == ("size", cause))
                      for cause in ("slope", "tilt"))
-    assert result.best in (first, second) and first.settled and second.settled
+    assert result.best in (first, second) and first.near and second.near
     assert abs(first.score - second.score) < 1.0
 
 

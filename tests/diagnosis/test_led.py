@@ -8,7 +8,7 @@ import pytest
 from cosim.diagnosis.fitting import Fitter
 from cosim.diagnosis.hidden import hide
 from cosim.diagnosis.localise import disturbances, goes_with
-from cosim.diagnosis.noise import Noise, wander
+from cosim.diagnosis.noise import wander
 from cosim.diagnosis.plants import STEP, FullOrderCar, Nuisance
 from cosim.diagnosis.plants.car import ANCHORS, PLACES
 from cosim.diagnosis.plants.hats import EVERY, TEETH, comb, fast, hats, row
@@ -146,9 +146,10 @@ def missing(car, run, raw):
                   measured={name: shown[place] + FLOORS[name] * random.standard_normal(place.stop - place.start)
                             for name, place in run.slices.items()})
     with Predictor(car, [led], coordinates(car, [led]), 2) as predictor:
-        noise = Noise([led], [np.zeros((2, led.stacked.size))])
         fitter = Fitter(predictor)
-        return disturbances(predictor, fitter.renewed(fitter.refine(fitter.nominal(), noise, 5), noise), noise), led
+        fit = fitter.nominal()
+        noise = fitter.noise(fit)
+        return disturbances(predictor, fitter.renewed(fitter.refine(fit, noise, 5), noise), noise), led
 
 
 @pytest.mark.parametrize("place", ["vehicle", "propeller shaft", "within the axle shafts"])

@@ -58,7 +58,7 @@ def test_a_run_says_more_of_what_it_shows_than_was_known(healthy):
                               proposal._PROFILES["tip_in"][1], 5, 220.0, 12.0)
     square = proposal.information(fitter.predictor, noise, run, one)
     assert np.linalg.eigvalsh(square).min() > -1e-6 * np.linalg.eigvalsh(square).max()
-    evidence, _ = fitter.judged(one, noise)
+    evidence = fitter.judged(one, noise)
     shared = fitter.layout.shared
     after = evidence.expecting(square[np.ix_(shared, shared)], one.shared[shared])
     [place] = np.flatnonzero(shared == fitter.predictor.index("engine_inertia")[0])

@@ -62,6 +62,11 @@ class Place:
     nodes: Mapping[str, float]
     size: float
 
+    @property
+    def shaft(self) -> bool:
+        """Whether it is within a shaft."""
+        return min(self.nodes.values()) < 0.0
+
 
 # Within the propeller shaft or the tyres would do the same to all speeds: one after the other, they twist alike.
 PLACES = {
