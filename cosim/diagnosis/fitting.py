@@ -21,7 +21,7 @@ _ENSEMBLE = 8  # simulations with a wandering torque
 SETTLED = 1.0  # log evidence that a fit with new derivatives may still gain
 _BENT = 2.0  # squared distance [sigma] between a run and its tangent at which derivatives are renewed
 _JUDGED = 2.0  # power of the heavy tail where suppositions are compared
-_ROUNDS = 3  # of new derivatives for a fit
+_ROUNDS = 6  # of new derivatives for a fit
 
 
 @dataclass(frozen=True)

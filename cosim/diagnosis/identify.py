@@ -41,7 +41,7 @@ _RIVAL, _RIVALS = 12.0, 4  # log evidence below the leader at which a rival gets
 _SHORT = 3.0  # log evidence below what the leader's derivatives promise at which a settled rival is fitted again
 _UNEXPLAINED = 40.0  # of minus twice the log likelihood of a run: leaves half of what it says
 _DOUBTS_ALIKE = 1.2  # ratio of temperatures below which they are the same
-_TEMPER = 8.0  # of differences in evidence: fits end in one of many minima, and those differ by more than noise
+_TEMPER = 3.0  # of differences in evidence: what fits that say the same differ by, since they end somewhere near
 _TURNS = 30  # steps of the search, at most; some three a cause
 _KEPT = 24  # fits
 
@@ -214,6 +214,11 @@ class Search:
     def _ranked(self) -> list[Fit]:
         return sorted(self.pool.values(), key=lambda fit: -fit.score)
 
+    def _nearest(self) -> list[Fit]:
+        """The likeliest, as far as new derivatives may still put one before another."""
+        first, *others = self._ranked()[:_RIVALS]
+        return [first, *(fit for fit in others if first.score - fit.score < _SWAPPED)]
+
     def _enter(self, fits: Iterable[Fit]) -> None:
         """Take in suppositions that are new, or fitted better than before; let go of the least likely."""
         for fit in fits:
@@ -227,7 +232,7 @@ class Search:
         """Compare under the noise of another leader."""
         self.judged, self.plain = leader.causes, self.fitter.noise(leader)
         self._compare(self.doubted())
-        for fit in self._ranked()[:_RIVALS]:  # each where it explains most under that noise
+        for fit in self._nearest():  # each where it explains most under that noise
             moved = self._refined(fit, self.noise)
             still = moved.score - fit.score < SETTLED
             moved.near, moved.settled = fit.near and still, fit.settled and still
@@ -272,12 +277,16 @@ class Search:
         self._enter([self.fitter.assess(self.fitter.refine(self.file, self.noise, 5), self.noise)])
         self.say("every cause alone, at several sizes")
         self._enter(self._scanned(self.file))
-        for fit in self._ranked()[:_RIVALS]:
+        for fit in self._nearest():
             self.pool[fit.causes] = self.fitter.renewed(fit, self.noise, everything=False)
         self._doubt_again()
 
     def _put_instead(self) -> None:
-        """What does the same as a cause of the leader or of a rival, in its place: fitted from where it does."""
+        """What does the same as a cause of the leader or of a rival, in its place: fitted from where it does.
+
+        By derivatives these recordings do not tell them apart. So what their scores differ by is how far each fit got,
+        and counts for neither.
+        """
         leader, *others = self.worthy()
         rivals = [fit for fit in others if separation(leader.score - fit.score) < APART]
         for fit in (leader, *rivals):
@@ -287,8 +296,10 @@ class Search:
                 causes = _key((*(cause for cause in fit.causes if cause != gone), other))
                 start = self.fitter.placed(fit, causes, there[0], there[1:])
                 if start is not None:
-                    start = self._refined(start, self.noise)
-                    self._enter([self.fitter.settle(start, self.noise, False) if fit is leader else start])
+                    twin = self._refined(start, self.noise)
+                    twin = self.fitter.settle(twin, self.noise, everything=False) if fit is leader else twin
+                    twin.score = fit.score = max(twin.score, fit.score)
+                    self.pool[causes] = twin
 
     def _swaps(self, fit: Fit) -> list[tuple[str, str]]:
         return [(gone, other) for group in self.alike for gone in group if gone in fit.causes
