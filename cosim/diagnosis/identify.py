@@ -41,7 +41,7 @@ _RIVAL, _RIVALS = 12.0, 4  # log evidence below the leader at which a rival gets
 _SHORT = 3.0  # log evidence below what the leader's derivatives promise at which a settled rival is fitted again
 _UNEXPLAINED = 40.0  # of minus twice the log likelihood of a run: leaves half of what it says
 _DOUBTS_ALIKE = 1.2  # ratio of temperatures below which they are the same
-_TEMPER = 3.0  # of differences in evidence: what fits that say the same differ by, since they end somewhere near
+_TEMPER = 3.0  # of differences in evidence: fits that say the same differ by some units
 _TURNS = 30  # steps of the search, at most; some three a cause
 _KEPT = 24  # fits
 
@@ -229,10 +229,10 @@ class Search:
                 del self.pool[fit.causes]
 
     def _judge(self, leader: Fit) -> None:
-        """Compare under the noise of another leader."""
+        """Compare under the noise of another leader; who is near it is fitted to that."""
         self.judged, self.plain = leader.causes, self.fitter.noise(leader)
         self._compare(self.doubted())
-        for fit in self._nearest():  # each where it explains most under that noise
+        for fit in self._nearest():
             moved = self._refined(fit, self.noise)
             still = moved.score - fit.score < SETTLED
             moved.near, moved.settled = fit.near and still, fit.settled and still
