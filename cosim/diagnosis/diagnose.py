@@ -36,8 +36,8 @@ LIKELY = 0.05  # causes less probable are not listed
 # Of the logarithm of what is left over what should be, root mean square over the runs: more, and the catalogue does
 # not explain it. A run of which something is missing weighs more than a little in each.
 STRANGE = 0.15
-# Probability that is left for what nobody thought of. One recording can be imitated by what is not there: of five
-# effects outside the catalogue three were, in one tip-in, and none in three recordings.
+# Probability that is left for what nobody thought of. One recording can be imitated by what is not there: in one
+# tip-in three of five effects outside the catalogue were, in three recordings none of three.
 SOMETHING_ELSE, SOMETHING_ELSE_IN_ONE = 0.03, 0.2
 _COMPARED = 4  # rivals that a proposed manoeuvre has to tell from the best
 _DRAWS = 30  # healthy cars
@@ -189,8 +189,8 @@ def _probabilities(found: Identification, effects: Sequence[str]) -> dict[str, f
     A supposition of several effects divides its share among them, so that all add up to at most 1.
     """
     shares = dict.fromkeys(effects, 0.0)
-    else_ = SOMETHING_ELSE if len(found.best.points) > 1 else SOMETHING_ELSE_IN_ONE
-    for fit, weight in zip(found.alternatives, (1.0 - else_) * found.shares()):
+    left = SOMETHING_ELSE if len(found.best.points) > 1 else SOMETHING_ELSE_IN_ONE
+    for fit, weight in zip(found.alternatives, (1.0 - left) * found.shares()):
         for effect in fit.effects:
             shares[effect] += float(weight) / len(fit.effects)
     return shares

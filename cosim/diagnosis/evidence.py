@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_factor, cho_solve, cholesky
 from scipy.optimize import lsq_linear
 
 from cosim.diagnosis.noise import WANDER, WANDER_TIME
@@ -50,7 +50,7 @@ def within(factor: np.ndarray, best: np.ndarray, low: np.ndarray, high: np.ndarr
     """
     if np.all((best >= low) & (best <= high)):
         return best
-    return lsq_linear(np.tril(factor).T, np.tril(factor).T @ best, (low, high), method="bvls").x
+    return lsq_linear(factor.T, factor.T @ best, (low, high), method="bvls").x
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class Layout:
     Attributes:
         shared, own: Places of the shared coordinates and of each run's own.
         columns: Those a run depends on.
-        low, high: Plausible range of the shared ones.
+        low, high: Plausible range of all coordinates.
         deviation: By how much a run's may differ from the shared ones, one sigma.
         precision: Inverse prior covariance of each run's own.
     """
@@ -91,7 +91,7 @@ class Layout:
         self.own = [np.array([i for i, c in enumerate(coordinates) if c.nuisance and c.run == r])
                     for r in range(runs)]
         self.columns = [np.concatenate([self.shared, own]) for own in self.own]
-        self.low, self.high = (np.array([getattr(coordinates[i], end) for i in self.shared]) for end in ("low", "high"))
+        self.low, self.high = (np.array([getattr(c, end) for c in coordinates]) for end in ("low", "high"))
         self.deviation = heterogeneity([coordinates[i] for i in self.shared])
         self.precision = [self._precision(own) for own in self.own]
 
@@ -128,10 +128,11 @@ class Slopes:
         self.log_determinant = 2.0 * float(np.sum(np.log(np.abs(np.diag(factor[0]))))) - float(
             np.linalg.slogdet(layout.precision[run])[1])
         d = layout.deviation
-        # (D^-1 + A)^-1 in a form that allows for D = 0
-        self.loose = d[:, None] * np.linalg.solve(np.eye(n) + d[:, None] * self.information * d, np.diag(d))
+        # of I + D^1/2 A D^1/2, and (D^-1 + A)^-1 in a form that allows for D = 0
+        self.factor = cholesky(np.eye(n) + d[:, None] * self.information * d, lower=True)
+        self.loose = d[:, None] * cho_solve((self.factor, True), np.diag(d))
         self.capped = self.information - self.information @ self.loose @ self.information
-        self.log_determinant += float(np.linalg.slogdet(np.eye(n) + d[:, None] * self.information * d)[1])
+        self.log_determinant += 2.0 * float(np.sum(np.log(np.diag(self.factor))))
 
     def seen(self, residual: np.ndarray, point: np.ndarray) -> Seen:
         """What the run says, given its whitened residual at a point of all coordinates."""
@@ -164,16 +165,15 @@ class Seen:
 
     def point(self, shared: np.ndarray) -> np.ndarray:
         """The most probable plausible coordinates of the run, given the shared ones; all others 0."""
-        s = self.slopes
+        s, layout = self.slopes, self.slopes.layout
         v = shared + s.loose @ (self.exact - s.information @ shared)
-        free = s.layout.deviation > 0.0
-        d, low, best, high = (x[free] for x in (s.layout.deviation, s.layout.low - shared, v - shared,
-                                                s.layout.high - shared))
-        precision = np.eye(d.size) + d[:, None] * s.information[np.ix_(free, free)] * d
-        v[free] = shared[free] + d * within(np.linalg.cholesky(precision), best / d, low / d, high / d)
-        result = np.zeros(len(s.layout.coordinates))
-        result[s.layout.shared] = v
-        result[s.layout.own[s.run]] = s.inverse @ (self.own - s.cross @ v)
+        free = layout.deviation > 0.0  # those that are not have no part in the factor of the others
+        d, best, low, high = (x[free] for x in (layout.deviation, v - shared, layout.low[layout.shared] - shared,
+                                                layout.high[layout.shared] - shared))
+        v[free] = shared[free] + d * within(s.factor[np.ix_(free, free)], best / d, low / d, high / d)
+        result = np.zeros(len(layout.coordinates))
+        result[layout.shared] = v
+        result[layout.own[s.run]] = s.inverse @ (self.own - s.cross @ v)
         return result
 
 
@@ -203,21 +203,20 @@ class Evidence:
         """
         return Evidence(self.seen, [*self.expected, (square, there)])
 
-    def _factor(self, spread: np.ndarray) -> tuple[np.ndarray, bool]:
-        """Of the information on shared coordinates in units of ``spread``, that of the prior with it."""
-        return cho_factor(np.eye(spread.size) + spread[:, None] * self._sums[0] * spread, lower=True)
+    def _factor(self, spread: np.ndarray) -> np.ndarray:
+        """Lower Cholesky factor of all information, the prior's too, in units of ``spread`` (shared coordinates)."""
+        return cholesky(np.eye(spread.size) + spread[:, None] * self._sums[0] * spread, lower=True)
 
     def posterior(self, spread: np.ndarray) -> Posterior:
         """Belief and evidence with prior standard deviations ``spread`` (all coordinates)."""
-        spread = spread[self.layout.shared]
+        spread, low, high = (x[self.layout.shared] for x in (spread, self.layout.low, self.layout.high))
         _, product, length, log_determinant = self._sums
         factor = self._factor(spread)
-        highest = cho_solve(factor, spread * product)
-        best = within(factor[0], highest, self.layout.low / spread, self.layout.high / spread)
-        least = length - float((spread * product) @ highest) + float(
-            np.sum((np.tril(factor[0]).T @ (best - highest)) ** 2))
-        log_evidence = -0.5 * (least + log_determinant) - float(np.sum(np.log(np.diag(factor[0]))))
-        covariance = spread[:, None] * cho_solve(factor, np.eye(spread.size)) * spread
+        highest = cho_solve((factor, True), spread * product)
+        best = within(factor, highest, low / spread, high / spread)
+        least = length - float((spread * product) @ highest) + float(np.sum((factor.T @ (best - highest)) ** 2))
+        log_evidence = -0.5 * (least + log_determinant) - float(np.sum(np.log(np.diag(factor))))
+        covariance = spread[:, None] * cho_solve((factor, True), np.eye(spread.size)) * spread
         return Posterior(spread * best, covariance, log_evidence, least)
 
     def foretold(self, spread: np.ndarray) -> np.ndarray:
@@ -228,13 +227,13 @@ class Evidence:
 
     def occam(self, spread: np.ndarray) -> float:
         """Log evidence that coordinates cost for being allowed to be anything within ``spread``."""
-        return float(np.sum(np.log(np.diag(self._factor(spread[self.layout.shared])[0]))))
+        return float(np.sum(np.log(np.diag(self._factor(spread[self.layout.shared])))))
 
     def imitated(self, change: np.ndarray, spread: np.ndarray) -> np.ndarray:
         """The coordinates, as far as ``spread`` allows, that change data most nearly as ``change`` does."""
         spread, shared = spread[self.layout.shared], self.layout.shared
         found = np.zeros(change.size)
-        found[shared] = spread * cho_solve(self._factor(spread), spread * (self._sums[0] @ change[shared]))
+        found[shared] = spread * cho_solve((self._factor(spread), True), spread * (self._sums[0] @ change[shared]))
         return found
 
     def separation(self, change: np.ndarray, spread: np.ndarray) -> float:

@@ -99,8 +99,6 @@ class Fitter:
         self.predictor, self.coordinates = predictor, predictor.coordinates
         self.layout = Layout(self.coordinates, len(predictor.runs))
         self.measured = [run.stacked for run in predictor.runs]
-        self.low = np.array([c.low for c in self.coordinates])
-        self.high = np.array([c.high for c in self.coordinates])
         self.scale = np.array([c.tolerance for c in self.coordinates])
 
     def nominal(self) -> Fit:
@@ -151,11 +149,15 @@ class Fitter:
 
     def judged(self, fit: Fit, noise: Noise) -> Evidence:
         """What the runs say where a supposition is compared with others."""
-        return self.seen(fit, noise.heavy(self.residuals(fit.predicted), _JUDGED)[0])
+        return self.seen(fit, self._judging(fit, noise)[0])
+
+    def _judging(self, fit: Fit, noise: Noise) -> tuple[Noise, np.ndarray]:
+        """The noise as it is for a supposition that is compared with others, and what its errors cost each run."""
+        return noise.heavy(self.residuals(fit.predicted), _JUDGED)
 
     def assess(self, fit: Fit, noise: Noise) -> Fit:
         """Evidence of a fitted supposition under a noise."""
-        heavy, costs = noise.heavy(self.residuals(fit.predicted), _JUDGED)
+        heavy, costs = self._judging(fit, noise)
         evidence = self.seen(fit, heavy)
         spread = prior(self.coordinates, fit.causes)
         fit.posterior = evidence.posterior(spread)
@@ -277,8 +279,7 @@ class Fitter:
         needed = {int(i) for own in self.layout.own for i in own}
         needed.update(i for cause in fit.causes for i in self.predictor.index(cause))
         tangents = list(fit.tangents)
-        wanted = {r: [int(i) for i in self.layout.columns[r]
-                      if everything or i in needed]
+        wanted = {r: [int(i) for i in self.layout.columns[r] if everything or i in needed]
                   for r, tangent in enumerate(tangents) if tangent.bent > _BENT}
         for (r, renewed), part in zip(wanted.items(), self.predictor.jacobian(fit.points, fit.predicted, wanted)):
             jacobian = tangents[r].jacobian.copy()
@@ -297,10 +298,10 @@ class Fitter:
     def settle(self, fit: Fit, noise: Noise, everything: bool = True) -> Fit:
         """Refined with derivatives of its own until they gain no more, at most ``_ROUNDS`` times."""
         for _ in range(_ROUNDS):
-            if fit.settled or fit.near and not everything:
+            if fit.settled or (fit.near and not everything):
                 break
             fit = self.renewed(fit, noise, everything)
-        fit.near, fit.settled = True, everything
+        fit.near, fit.settled = True, fit.settled or everything
         return fit
 
     def placed(self, fit: Fit, causes: tuple[str, ...], shared: np.ndarray, points: list[np.ndarray]) -> Fit | None:

@@ -288,11 +288,12 @@ class Search:
         and counts for neither.
         """
         leader, *others = self.worthy()
+        layout = self.fitter.layout
         rivals = [fit for fit in others if separation(leader.score - fit.score) < APART]
         for fit in (leader, *rivals):
             for gone, other in self._swaps(fit):
                 change = instead(self.first, self.coordinates, fit.shared, gone, other)
-                there = [np.clip(x + change, self.fitter.low, self.fitter.high) for x in (fit.shared, *fit.points)]
+                there = [np.clip(x + change, layout.low, layout.high) for x in (fit.shared, *fit.points)]
                 causes = _key((*(cause for cause in fit.causes if cause != gone), other))
                 start = self.fitter.placed(fit, causes, there[0], there[1:])
                 if start is not None:
