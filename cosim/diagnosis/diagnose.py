@@ -22,7 +22,7 @@ from cosim.diagnosis.finding import gained
 from cosim.diagnosis.fitting import Fit, as_found
 from cosim.diagnosis.identify import APART, Identification, Search
 from cosim.diagnosis.localise import disturbances, goes_with
-from cosim.diagnosis.noise import Noise
+from cosim.diagnosis.noise import Noise, stacked_floors
 from cosim.diagnosis.plants import FullOrderCar, InstrumentedPlant, RigidPlant, Run, plant_for
 from cosim.diagnosis.plants.car import PLACES
 from cosim.diagnosis.predict import Predictor, coordinates
@@ -281,8 +281,7 @@ def _healthy(freely: Predictor, noise: Noise) -> tuple[list[np.ndarray], list[li
     cars = tolerances * random.standard_normal((_DRAWS, count))
     jobs = [(point + car, r, k) for r, point in enumerate(points) for k, car in enumerate(cars)]
     shown = freely.many(jobs)
-    floors = [np.concatenate([np.full(clock.size, noise.floors[name]) for name, clock in run.clocks.items()])
-              for run in freely.runs]
+    floors = stacked_floors(freely.runs)
     return nominal, [[y + floors[r] * random.standard_normal(y.size) for y in shown[r * _DRAWS:(r + 1) * _DRAWS]
                       if y is not None] for r in range(len(freely.runs))]
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cosim.diagnosis.evidence import Evidence, Layout, Posterior, Slopes, prior
-from cosim.diagnosis.noise import Noise
+from cosim.diagnosis.noise import Noise, stacked_floors
 from cosim.diagnosis.predict import Predictor
 
 FIRST = -8.0  # log odds that a given effect is there
@@ -129,7 +129,19 @@ class Fitter:
     def noise(self, fit: Fit) -> Noise:
         """What is left of the residuals where a fitted supposition is right."""
         strays = self.predictor.strays(fit.points, fit.predicted, _ENSEMBLE)
-        return Noise(self.predictor.runs, strays, self.predictor.bent(fit.points))
+        floors = stacked_floors(self.predictor.runs)
+        left = [self._not_estimated(r, fit.tangents[r], strays[r], floor) for r, floor in enumerate(floors)]
+        return Noise(self.predictor.runs, left, self.predictor.bent(fit.points))
+
+    def _not_estimated(self, run: int, tangent: Tangent, strays: np.ndarray, floor: np.ndarray) -> np.ndarray:
+        """What is left of random deviations (draws x samples) where the run's own coordinates follow them.
+
+        A slow drift of all speeds is taken up by the torque that is estimated; counted as noise, it would be the
+        largest part of it.
+        """
+        slopes = tangent.jacobian[:, self.layout.shared.size:].astype(float) / floor[:, None]
+        heights = np.linalg.solve(slopes.T @ slopes + self.layout.precision[run], slopes.T @ (strays / floor).T)
+        return strays - floor * (slopes @ heights).T
 
     @property
     def enough(self) -> bool:

@@ -65,7 +65,7 @@ class Noise:
 
     Args:
         runs: The runs; their measured values say the floors.
-        strays: Of each run, how far every sample strays for what is too fast: draws x stacked samples.
+        strays: Of each run, how far every sample strays for what is random and not estimated: draws x stacked samples.
         bent: Of each run, how much the channels bend near every sample (``bends``), stacked.
 
     Attributes:
@@ -84,8 +84,7 @@ class Noise:
              for row in strays[r][:, run.slices[name]]]) for name in self.floors}
         self.temperatures = np.ones(len(self.runs))
         self.least, self.scales = [], []
-        for run, sway, bend in zip(runs, sways, bent):
-            floor = np.concatenate([np.full(clock.size, self.floors[name]) for name, clock in run.clocks.items()])
+        for run, floor, sway, bend in zip(runs, stacked_floors(runs), sways, bent):
             floor = np.hypot(floor, bend)
             count = np.concatenate([np.full(clock.size, alike[name]) for name, clock in run.clocks.items()])
             self.least.append(np.hypot(floor, sway))
@@ -145,6 +144,12 @@ def floors(runs: Sequence[Run]) -> dict[str, float]:
     names = dict.fromkeys(name for run in runs for name in run.clocks)
     return {name: float(np.median([floor(run.measured[name]) for run in runs if name in run.clocks]))
             for name in names}
+
+
+def stacked_floors(runs: Sequence[Run]) -> list[np.ndarray]:
+    """Standard deviation of the white noise of every stacked sample of each run."""
+    of = floors(runs)
+    return [np.concatenate([np.full(clock.size, of[name]) for name, clock in run.clocks.items()]) for run in runs]
 
 
 def _correlation_time(pieces: Sequence[np.ndarray]) -> float:

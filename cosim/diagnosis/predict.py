@@ -15,12 +15,13 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.effect import Effect, EffectParameter, factor, scaled
-from cosim.diagnosis.noise import WANDER, bends, wander
+from cosim.diagnosis.noise import WANDER, bends, floor, wander
 from cosim.diagnosis.plants import STEP, FullOrderCar, Nuisance, Run
-from cosim.diagnosis.plants.hats import TEETH, comb, fast, hats, parted
+from cosim.diagnosis.plants.hats import MEMORY, comb, fast, hats, parted, teeth
 from driveline.quantities import InputError
 
 # What differs from run to run: standard deviation, step of the differences.
@@ -29,7 +30,9 @@ WANDERS = "torque_wander"  # the name of the heights of the hats that the engine
 HEALTHY = 0.04  # by how much other numbers of the file are wrong, one sigma of the logarithm
 # What the catalogue can name is right in a healthy car but for this share of what shows.
 TOLERANCE = 0.2
-_STEP = 0.25  # of differences, in detection limits
+# Of differences, in detection limits. With three times as much crossings of a lash are not on a line any more, with a
+# third single samples that jump weigh too much.
+_STEP = 0.08
 # Numbers of the file that no effect of the catalogue moves alone, but that are no better known.
 _FILE = ("converter.impeller_inertia", "converter.turbine_inertia", "lockup_clutch.plate_inertia",
          "transmission.inertia[*]", "propeller_shaft.inertia", "final_drive.ring_inertia",
@@ -37,7 +40,8 @@ _FILE = ("converter.impeller_inertia", "converter.turbine_inertia", "lockup_clut
          "tyre.relaxation_length", "seat.mass", "seat.stiffness", "seat.damping",
          "differential_case.inertia", "differential_case.stiffness", "differential_case.damping",
          "differential_case.lever_arm", "suspension.damping", "transmission.input_inertia", "engine.air_lag",
-         "engine.accessory_torque", "engine.friction_constant", "engine.friction_viscous", "final_drive.loss_constant")
+         "engine.accessory_torque", "engine.friction_constant", "engine.friction_viscous", "final_drive.loss_constant",
+         "transmission.output_inertia", "tyre.friction_coefficient")
 
 
 @dataclass(frozen=True)
@@ -107,7 +111,7 @@ def coordinates(car: FullOrderCar, runs: Sequence[Run],
         if any(car.values.get(n, 0.0) for n in _entries(name, car.values)):
             p = factor(name, name, unit="1", meaning="known to some per cent only", spread=HEALTHY,
                        limits=(0.8, 1.25), detection=2.0 * HEALTHY)
-            found.append(Coordinate(name, "", "", None, p, HEALTHY, HEALTHY, 0.02, -0.2, 0.2))
+            found.append(Coordinate(name, "", "", None, p, HEALTHY, HEALTHY, _STEP * p.detection, -0.2, 0.2))
     for r in range(len(runs)):
         found += [Coordinate(name, "", "", r, None, spread, spread, step)
                   for name, (spread, step) in RUN_NUISANCES.items()]
@@ -197,8 +201,9 @@ class Predictor:
         Args:
             u: Coordinates.
             run: Which run.
-            change: A seed: the engine torque wanders about its estimate faster than hats can follow, in a way of
-                its own for every seed. A balance of the driveline and a torque at every step: that acts on it.
+            change: A seed: the engine torque wanders about its estimate faster than hats can follow, and what leads
+                the simulation has as much noise again, in a way of its own for every seed. A balance of the driveline
+                and a torque at every step: that acts on it.
         """
         values, nuisance = self.values(u, run)
         here = self.runs[run]
@@ -220,7 +225,9 @@ class Predictor:
             self.simulations += 1
             torque = 0.0
             if seed is not None:
-                torque = fast(here, wander(len(here.inputs), STEP, np.random.default_rng([seed, run])))
+                random = np.random.default_rng([seed, run])
+                torque = fast(here, wander(len(here.inputs), STEP, random))
+                here = replace(here, anchors={name: _shaken(shown, random) for name, shown in here.anchors.items()})
             found = self.car.raw(values, here, nuisance, torque)
             raw = self._raw[key] = {name: found[name] for name in self._shown}
             while len(self._raw) > 4:
@@ -283,13 +290,13 @@ class Predictor:
             moved[[columns[run][k] for k in rows[run]]] += WANDER * heights
             return moved, run
 
-        by_hats = self.by_hats([run for run, row in rows.items() if row], predicted, wandered, WANDER)
+        by_hats = self.by_hats([run for run, row in rows.items() if row], predicted, wandered, WANDER, MEMORY)
         for run, moved in by_hats.items():
             result[run][:, rows[run]] = moved
         return list(result.values())
 
     def by_hats(self, runs: Iterable[int], predicted: Sequence[np.ndarray],
-                job: Callable[[int, np.ndarray], tuple], unit: float) -> dict[int, np.ndarray]:
+                job: Callable[[int, np.ndarray], tuple], unit: float, memory: float) -> dict[int, np.ndarray]:
         """Derivatives of the stacked predictions of some runs by the heights of a row of hats (samples x hats).
 
         Args:
@@ -297,18 +304,18 @@ class Predictor:
             predicted: Of all runs, without that row.
             job: What ``many`` takes, of a run and the heights of its hats over ``unit``.
             unit: How high hats are simulated.
+            memory: After which a hat does nothing any more [s].
         """
         result = {run: np.zeros((predicted[run].size, hats(self.runs[run]).size), dtype=np.float32) for run in runs}
-        combs = [(run, first) for run in result for first in range(TEETH)]
-        found = self.many([job(run, comb(hats(self.runs[run]).size, first)) for run, first in combs])
+        combs = [(run, first) for run in result for first in range(teeth(memory))]
+        found = self.many([job(run, comb(hats(self.runs[run]).size, first, memory)) for run, first in combs])
         for (run, first), y in zip(combs, found):
             if y is not None:
-                result[run] += parted(self.runs[run], first, (y - predicted[run]) / unit)
+                result[run] += parted(self.runs[run], first, memory, (y - predicted[run]) / unit)
         return result
 
     def strays(self, points: Sequence[np.ndarray], predicted: Sequence[np.ndarray], count: int) -> list[np.ndarray]:
-        """Of each run, how far every sample strays as the torque wanders faster than hats can follow: draws x
-        samples."""
+        """Of each run, how far every sample strays for what is random and not estimated: draws x samples."""
         jobs = [(u, run, seed) for run, u in enumerate(points) for seed in range(count)]
         found = self.many(jobs)
         return [np.array([y - predicted[run] for y in found[run * count:(run + 1) * count] if y is not None])
@@ -328,6 +335,12 @@ class Predictor:
             found.append(np.concatenate([np.interp(clock, run.time, bends(shown[steps.slices[name]]))
                                          for name, clock in run.clocks.items()]))
         return found
+
+
+def _shaken(shown: CubicSpline, random: np.random.Generator) -> CubicSpline:
+    """A channel with as much noise again as it has."""
+    values = shown(shown.x)
+    return CubicSpline(shown.x, values + floor(values) * random.standard_normal(values.size))
 
 
 def _instrument(coordinate: Coordinate) -> bool:

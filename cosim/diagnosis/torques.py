@@ -18,7 +18,7 @@ from cosim.diagnosis.evidence import Layout, prior
 from cosim.diagnosis.fitting import Fit
 from cosim.diagnosis.plants import STEP
 from cosim.diagnosis.plants.car import PLACES
-from cosim.diagnosis.plants.hats import correlation, row
+from cosim.diagnosis.plants.hats import LONG_MEMORY, correlation, row
 from cosim.diagnosis.predict import Predictor
 
 SHAFT_TORQUE = "shaft torque"  # what the propeller shaft carries, beside the torque that is missing
@@ -84,7 +84,8 @@ def slopes_of(predictor: Predictor, fit: Fit, place: str,
     def pushed(run: int, heights: np.ndarray) -> tuple[np.ndarray, int, tuple[str, np.ndarray]]:
         return fit.points[run], run, (place, push * row(runs[run], heights))
 
-    slopes = {LASTING: list(predictor.by_hats(range(len(runs)), fit.predicted, pushed, push).values())}
+    by_hats = predictor.by_hats(range(len(runs)), fit.predicted, pushed, push, LONG_MEMORY)
+    slopes: dict[str, list[np.ndarray]] = {LASTING: list(by_hats.values())}
     moved = iter(predictor.many([(fit.points[r], r, (place, push * torque)) for per_run in followed.values()
                                  for r, shown in enumerate(per_run) for torque in shown.T]))
     for name, per_run in followed.items():

@@ -1,6 +1,6 @@
 """A torque over time as a row of hats, and what each does to all channels of a run.
 
-Led along the measured speeds a driveline forgets within ``MEMORY``, so hats that far apart share a simulation.
+Led along the measured speeds a driveline forgets, so hats that are apart by its *memory* share a simulation.
 """
 
 from __future__ import annotations
@@ -10,8 +10,9 @@ import numpy as np
 from cosim.diagnosis.plants.run import STEP, Run
 
 EVERY = 0.1  # s between hats
-MEMORY = 1.5  # s after which a led driveline has forgotten a hat
-TEETH = round(MEMORY / EVERY)  # simulations for all hats
+# s after which a led driveline has forgotten a hat: shuffle and twists by the first, the speed of the whole car is
+# back by two thirds then, and of a wandering torque no more than noise. A torque that is missing may be large.
+MEMORY, LONG_MEMORY = 1.5, 3.0
 
 
 def hats(run: Run) -> np.ndarray:
@@ -19,10 +20,15 @@ def hats(run: Run) -> np.ndarray:
     return run.start + EVERY * np.arange(1, int(len(run.inputs) * STEP / EVERY))
 
 
-def comb(count: int, first: int) -> np.ndarray:
-    """Heights of ``count`` hats that share a simulation: every ``TEETH``-th one from ``first``, of unit height."""
+def teeth(memory: float) -> int:
+    """From one hat to the next that shares its simulation; and how many simulations all hats take."""
+    return round(memory / EVERY)
+
+
+def comb(count: int, first: int, memory: float) -> np.ndarray:
+    """Heights of ``count`` hats that share a simulation: one every ``memory`` [s] from ``first``, of unit height."""
     heights = np.zeros(count)
-    heights[first::TEETH] = 1.0
+    heights[first::teeth(memory)] = 1.0
     return heights
 
 
@@ -31,20 +37,20 @@ def row(run: Run, heights: np.ndarray) -> np.ndarray:
     return np.interp(run.time - STEP, hats(run), heights, left=0.0, right=0.0)
 
 
-def parted(run: Run, first: int, change: np.ndarray) -> np.ndarray:
+def parted(run: Run, first: int, memory: float, change: np.ndarray) -> np.ndarray:
     """What each tooth of a comb does: samples x all hats, those of other combs 0.
 
     Args:
         run: Which.
-        first: Of the comb.
+        first, memory: Of the comb.
         change: Stacked, what the whole comb does.
     """
     moved = np.zeros((change.size, hats(run).size), dtype=np.float32)
-    for h in range(first, hats(run).size, TEETH):
+    for h in range(first, hats(run).size, teeth(memory)):
         begin = hats(run)[h] - EVERY
         for name, place in run.slices.items():
             clock = run.clocks[name]
-            moved[place, h] = np.where((clock >= begin) & (clock < begin + MEMORY), change[place], 0.0)
+            moved[place, h] = np.where((clock >= begin) & (clock < begin + memory), change[place], 0.0)
     return moved
 
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 STEP = 1e-3  # communication step of the simulations [s]
 
@@ -43,7 +44,8 @@ class Run:
         start_speed: Vehicle speed at the start as far as it was measured [m/s].
         clocks: Instants [s] at which each channel is compared.
         measured: Values of each channel at these.
-        anchors: Channels the simulation is led along: instants [s] and values. None: it runs freely.
+        anchors: Channels the simulation is led along, with what they are between their samples: a straight line cuts
+            the peaks off, which acts as a damper. None: it runs freely.
     """
 
     name: str
@@ -54,7 +56,7 @@ class Run:
     start_speed: float
     clocks: Mapping[str, np.ndarray]
     measured: Mapping[str, np.ndarray]
-    anchors: Mapping[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
+    anchors: Mapping[str, CubicSpline] = field(default_factory=dict)
 
     @property
     def time(self) -> np.ndarray:
