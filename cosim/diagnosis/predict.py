@@ -25,7 +25,7 @@ from cosim.diagnosis.plants.hats import MEMORY, comb, fast, hats, parted, teeth
 from driveline.quantities import InputError
 
 # What differs from run to run: standard deviation, step of the differences.
-RUN_NUISANCES = {"start_speed": (0.3, 0.02), "grade": (0.001, 5e-4), "torque": (1.0, 0.5)}
+RUN_NUISANCES = {"start_speed": (0.3, 0.006), "grade": (0.001, 1.5e-4), "torque": (1.0, 0.15)}
 WANDERS = "torque_wander"  # the name of the heights of the hats that the engine torque wanders by
 HEALTHY = 0.04  # by how much other numbers of the file are wrong, one sigma of the logarithm
 # What the catalogue can name is right in a healthy car but for this share of what shows.

@@ -311,8 +311,6 @@ class FullOrderPlant(Plant):
         net.shaft("engine_mount", mounts, GROUND, p.engine_mount.stiffness, p.engine_mount.damping)
         net.reaction("axle_reaction", case, hypoid, -ring_ratio)
         net.reaction("output_reaction", mounts, front, -1.0)
-        self.attach(net)
-
         half, arm = 0.5, p.differential_case.lever_arm
         at_shaft = ByGear(tuple(1.0 / r for r in ratio.values))
         net.output("engine_speed", Term(k.SPEED, crank))
@@ -351,10 +349,11 @@ class FullOrderPlant(Plant):
         net.roles = {k.GEAR_INPUT: names.index("gear"), k.DELAYED_INPUT: names.index("engine_torque"),
                      k.GRADE_INPUT: names.index("road_grade"), k.GEARSET_NODE: gearset,
                      k.GEARSET_BRANCH: gears, k.SEED: e.noise_seed}
+        self.attach(net)
         return net.build()
 
     def attach(self, net: Assembly) -> None:
-        """Elements beside those of the driveline: none here, for plants that are this one and something more."""
+        """Elements and outputs beside those of the driveline: none here, for plants that are this and more."""
 
     def start_speeds(self, p: FullOrderParameters, network: Network) -> tuple[np.ndarray, bool]:
         """Rolling speeds; the engine turns with the turbine where the lock-up clutch is closed."""

@@ -47,7 +47,26 @@ def test_without_anchors_it_is_the_full_order_plant(car_and_run):
     plant.initialize()
     table = plant.simulate(run.inputs[:, :len(plant.inputs)], 1e-3, run.start)
     for i, variable in enumerate(plant.output_variables):
-        assert np.array_equal(free[variable.name], table[:, i]), variable.name
+        if variable.name != "differential_acceleration":
+            assert np.array_equal(free[variable.name], table[:, i]), variable.name
+
+
+def test_an_accelerometer_shows_the_mean_and_misses_no_impact(car_and_run):
+    car, run = car_and_run
+    raw = car.raw(car.values, run.free)
+    arm = car.values["differential_case.lever_arm"]
+    shown, speed = raw["differential_acceleration"], arm * raw["differential_speed"]
+    # its integral is the speed, whatever happened within a step
+    assert np.sum(shown[1:-1]) * STEP == pytest.approx(0.5 * (speed[-1] + speed[-2] - speed[1] - speed[0]), abs=1e-9)
+    plant = FullOrderPlant(car.values)
+    plant["start.vehicle_speed"] = run.start_speed
+    for i, variable in enumerate(plant.inputs):
+        plant[variable.name] = run.inputs[0, i]
+    plant.initialize()
+    itself = plant.simulate(run.inputs[:, :len(plant.inputs)], STEP, run.start)[
+        :, [v.name for v in plant.output_variables].index("differential_acceleration")]
+    # where it does not jump it is the acceleration itself
+    assert np.median(np.abs(shown - itself)) < 0.01 * np.std(itself)
 
 
 def test_led_by_its_own_speeds_it_goes_its_own_way(car_and_run):

@@ -14,8 +14,9 @@ from cosim.diagnosis.observation import Errors
 from cosim.diagnosis.plants.base import InstrumentedPlant, compared
 from cosim.diagnosis.plants.run import STEP, Nuisance, Run
 from cosim.measured import Manoeuvre, Measurement
-from driveline.plants.assembly import GROUND, Assembly
-from driveline.plants.full_order import FullOrderPlant, input_variable
+from driveline.kernels import network as k
+from driveline.plants.assembly import GROUND, Assembly, Term
+from driveline.plants.full_order import FullOrderPlant, input_variable, output_variable
 from driveline.quantities import InputError
 
 log = logging.getLogger("cosim")
@@ -90,6 +91,8 @@ class LedPlant(FullOrderPlant):
               *(input_variable(f"led_{name}", anchor.unit, f"measured {name.replace('_', ' ')}")
                 for name, anchor in ANCHORS.items()),
               input_variable("push", "N.m", "disturbance torque, or force [N] on the vehicle"))
+    output_variables = (*FullOrderPlant.output_variables,
+                        output_variable("differential_speed", "rad/s", "pitch rate of the axle housing"))
     led: tuple[str, ...] = ()
     pushed: str = ""
 
@@ -97,7 +100,8 @@ class LedPlant(FullOrderPlant):
         return [None]  # a run has one gear, and a diagnosis simulates thousands
 
     def attach(self, net: Assembly) -> None:
-        """The forces that lead it."""
+        """The forces that lead it, and what an accelerometer needs."""
+        net.output("differential_speed", Term(k.SPEED, list(net.nodes).index("differential_case")))
         for name in self.led:
             anchor = ANCHORS[name]
             node = list(net.nodes).index(anchor.node)
@@ -115,6 +119,15 @@ class FullOrderCar(InstrumentedPlant):
     driver = "engine_torque"
     channels = ("engine_speed", "turbine_speed", "transmission_output_speed", "wheel_speed", "vehicle_speed",
                 "propeller_shaft_torque", "seat_acceleration", "differential_acceleration")
+
+    def _named(self, table: np.ndarray) -> dict[str, np.ndarray]:
+        """Outputs by name; the differential's acceleration as an accelerometer shows it, a mean over two steps.
+
+        An impact is shorter than a step: of the acceleration itself a step shows it or does not, by chance.
+        """
+        found = super()._named(table)
+        speed = self._plant["differential_case.lever_arm"] * found["differential_speed"]
+        return found | {"differential_acceleration": np.gradient(speed, STEP)}
 
     def _start(self, run: Run, nuisance: Nuisance) -> None:
         self._plant["start.vehicle_speed"] = run.start_speed + nuisance.start_speed
