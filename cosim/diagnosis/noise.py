@@ -2,8 +2,9 @@
 
 Sensors: noise and resolution, white, read off the recordings. The engine torque is what a control unit
 estimates; the true one wanders about it. Most of that is estimated with the parameters (``plants.hats``); what
-is too fast for it is simulated: how much it moves each channel, and where. And no simulation knows to the
-millisecond when teeth meet; where a signal jumps then, a sample is on one side of the jump or on the other.
+is too fast for it is simulated, with the noise of the speeds that lead the plant: how much that moves each
+channel, and where. And no simulation knows to the millisecond when teeth meet; where a signal jumps then, a
+sample is on one side of the jump or on the other.
 """
 
 from __future__ import annotations

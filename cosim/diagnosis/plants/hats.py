@@ -10,8 +10,9 @@ import numpy as np
 from cosim.diagnosis.plants.run import STEP, Run
 
 EVERY = 0.1  # s between hats
-# s after which a led driveline has forgotten a hat: shuffle and twists by the first, the speed of the whole car is
-# back by two thirds then, and of a wandering torque no more than noise. A torque that is missing may be large.
+# s after which a led driveline has forgotten a hat. After the first shuffle and twists are gone and the speed of the
+# whole car is back by two thirds: what a wandering torque did is far below the noise then. A torque that is missing
+# may be large, and takes the second.
 MEMORY, LONG_MEMORY = 1.5, 3.0
 
 
