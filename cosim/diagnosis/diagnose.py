@@ -7,7 +7,7 @@ import logging
 import os
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from cosim.diagnosis.finding import gained
 from cosim.diagnosis.fitting import Fit, as_found
 from cosim.diagnosis.identify import APART, Identification, Search
 from cosim.diagnosis.localise import disturbances, goes_with
-from cosim.diagnosis.noise import Noise, stacked_floors
+from cosim.diagnosis.noise import Noise
 from cosim.diagnosis.plants import FullOrderCar, InstrumentedPlant, RigidPlant, Run, plant_for
 from cosim.diagnosis.plants.car import PLACES
 from cosim.diagnosis.predict import Predictor, coordinates
@@ -281,9 +281,9 @@ def _healthy(freely: Predictor, noise: Noise) -> tuple[list[np.ndarray], list[li
     cars = tolerances * random.standard_normal((_DRAWS, count))
     jobs = [(point + car, r, k) for r, point in enumerate(points) for k, car in enumerate(cars)]
     shown = freely.many(jobs)
-    floors = stacked_floors(freely.runs)
-    return nominal, [[y + floors[r] * random.standard_normal(y.size) for y in shown[r * _DRAWS:(r + 1) * _DRAWS]
-                      if y is not None] for r in range(len(freely.runs))]
+    return nominal, [[y + run.stack(noise.floors) * random.standard_normal(y.size)
+                      for y in shown[r * _DRAWS:(r + 1) * _DRAWS] if y is not None]
+                     for r, run in enumerate(freely.runs)]
 
 
 def _values(predictor: Predictor, fit: Fit) -> dict[str, float]:
@@ -336,7 +336,7 @@ def _extend(diagnosis: Diagnosis, predictor: Predictor, found: Identification, o
             say("building the extended FMU")
             fmu = build(out, out / extend.EXTENDED)
             diagnosis.finding["extension"]["fmu"] = fmu.name
-    reserved = [replace(run, anchors={}) for run in diagnosis.reserved]
+    reserved = [run.free for run in diagnosis.reserved]
     if not reserved:
         return
     say("measuring the gain on " + ", ".join(run.name for run in reserved))

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cosim.diagnosis.evidence import Evidence, Layout, Posterior, Slopes, prior
-from cosim.diagnosis.noise import Noise, stacked_floors
+from cosim.diagnosis.noise import Noise, floors
 from cosim.diagnosis.predict import Predictor
 
 FIRST = -8.0  # log odds that a given effect is there
@@ -129,8 +129,9 @@ class Fitter:
     def noise(self, fit: Fit) -> Noise:
         """What is left of the residuals where a fitted supposition is right."""
         strays = self.predictor.strays(fit.points, fit.predicted, _ENSEMBLE)
-        floors = stacked_floors(self.predictor.runs)
-        left = [self._not_estimated(r, fit.tangents[r], strays[r], floor) for r, floor in enumerate(floors)]
+        of = floors(self.predictor.runs)
+        left = [self._not_estimated(r, tangent, strays[r], run.stack(of))
+                for r, (run, tangent) in enumerate(zip(self.predictor.runs, fit.tangents))]
         return Noise(self.predictor.runs, left, self.predictor.bent(fit.points))
 
     def _not_estimated(self, run: int, tangent: Tangent, strays: np.ndarray, floor: np.ndarray) -> np.ndarray:

@@ -85,11 +85,10 @@ class Noise:
              for row in strays[r][:, run.slices[name]]]) for name in self.floors}
         self.temperatures = np.ones(len(self.runs))
         self.least, self.scales = [], []
-        for run, floor, sway, bend in zip(runs, stacked_floors(runs), sways, bent):
-            floor = np.hypot(floor, bend)
-            count = np.concatenate([np.full(clock.size, alike[name]) for name, clock in run.clocks.items()])
+        for run, sway, bend in zip(runs, sways, bent):
+            floor = np.hypot(run.stack(self.floors), bend)
             self.least.append(np.hypot(floor, sway))
-            self.scales.append(np.hypot(floor, np.sqrt(count) * sway))
+            self.scales.append(np.hypot(floor, np.sqrt(run.stack(alike)) * sway))
 
     def tempered(self, temperatures: Sequence[float]) -> Noise:
         """This noise, larger: of each run, minus the log likelihood is divided by a temperature."""
@@ -145,12 +144,6 @@ def floors(runs: Sequence[Run]) -> dict[str, float]:
     names = dict.fromkeys(name for run in runs for name in run.clocks)
     return {name: float(np.median([floor(run.measured[name]) for run in runs if name in run.clocks]))
             for name in names}
-
-
-def stacked_floors(runs: Sequence[Run]) -> list[np.ndarray]:
-    """Standard deviation of the white noise of every stacked sample of each run."""
-    of = floors(runs)
-    return [np.concatenate([np.full(clock.size, of[name]) for name, clock in run.clocks.items()]) for run in runs]
 
 
 def _correlation_time(pieces: Sequence[np.ndarray]) -> float:

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.evidence import Evidence, Slopes, prior
@@ -14,7 +13,7 @@ from cosim.diagnosis.fitting import Fit, Fitter, as_found
 from cosim.diagnosis.identify import APART, Identification
 from cosim.diagnosis.noise import Noise
 from cosim.diagnosis.plants import SETTLE, STEP, FullOrderCar, Run
-from cosim.diagnosis.plants.car import ANCHORS
+from cosim.diagnosis.plants.car import led_by
 from cosim.diagnosis.predict import Coordinate, Predictor, coordinates
 from driveline.quantities import InputError
 
@@ -125,7 +124,7 @@ def information(predictor: Predictor, noise: Noise, run: Run, one: Fit) -> np.nd
     values, _ = predictor.values(supposed, 0)
     raw = car.raw(values, run)
     # what would be measured leads all simulations, as it will when the recording is diagnosed
-    run = replace(run, anchors={name: CubicSpline(run.time, raw[name]) for name in ANCHORS if name in run.clocks})
+    run = led_by(run, raw)
     shown, random = car.instruments(raw, values, run), np.random.default_rng(1)
     run = replace(run, measured={name: shown[place] + noise.floors[name] * random.standard_normal(clock.size)
                                  for (name, place), clock in zip(run.slices.items(), run.clocks.values())})

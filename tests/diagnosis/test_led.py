@@ -11,7 +11,7 @@ from cosim.diagnosis.hidden import hide
 from cosim.diagnosis.localise import disturbances, goes_with
 from cosim.diagnosis.noise import wander
 from cosim.diagnosis.plants import STEP, FullOrderCar, Nuisance
-from cosim.diagnosis.plants.car import ANCHORS, PLACES
+from cosim.diagnosis.plants.car import PLACES, led_by
 from cosim.diagnosis.plants.hats import EVERY, MEMORY, comb, fast, hats, row, teeth
 from cosim.diagnosis.predict import WANDERS, Predictor, coordinates
 from cosim.measured import load
@@ -31,24 +31,23 @@ def car_and_run(tmp_path_factory):
     return car, car.runs(measurement)[0]
 
 
-def led_by(car, run, values):
-    """The run, led by what a simulation with these values shows."""
-    raw = car.raw(values, run.free)
-    return replace(run, anchors={name: CubicSpline(run.time, raw[name]) for name in ANCHORS})
-
-
-def test_without_anchors_it_is_the_full_order_plant(car_and_run):
-    car, run = car_and_run
-    free = car.raw(car.values, run.free)
+def on_its_own(car, run):
+    """What the full-order plant shows in a run, with nothing of a diagnosis: by the names of its outputs."""
     plant = FullOrderPlant(car.values)
     plant["start.vehicle_speed"] = run.start_speed
     for i, variable in enumerate(plant.inputs):
         plant[variable.name] = run.inputs[0, i]
     plant.initialize()
-    table = plant.simulate(run.inputs[:, :len(plant.inputs)], 1e-3, run.start)
-    for i, variable in enumerate(plant.output_variables):
-        if variable.name != "differential_acceleration":
-            assert np.array_equal(free[variable.name], table[:, i]), variable.name
+    table = plant.simulate(run.inputs[:, :len(plant.inputs)], STEP, run.start)
+    return {variable.name: table[:, i] for i, variable in enumerate(plant.output_variables)}
+
+
+def test_without_anchors_it_is_the_full_order_plant(car_and_run):
+    car, run = car_and_run
+    free = car.raw(car.values, run.free)
+    for name, values in on_its_own(car, run).items():
+        if name != "differential_acceleration":
+            assert np.array_equal(free[name], values), name
 
 
 def test_an_accelerometer_shows_the_mean_and_misses_no_impact(car_and_run):
@@ -58,13 +57,7 @@ def test_an_accelerometer_shows_the_mean_and_misses_no_impact(car_and_run):
     shown, speed = raw["differential_acceleration"], arm * raw["differential_speed"]
     # its integral is the speed, whatever happened within a step
     assert np.sum(shown[1:-1]) * STEP == pytest.approx(0.5 * (speed[-1] + speed[-2] - speed[1] - speed[0]), abs=1e-9)
-    plant = FullOrderPlant(car.values)
-    plant["start.vehicle_speed"] = run.start_speed
-    for i, variable in enumerate(plant.inputs):
-        plant[variable.name] = run.inputs[0, i]
-    plant.initialize()
-    itself = plant.simulate(run.inputs[:, :len(plant.inputs)], STEP, run.start)[
-        :, [v.name for v in plant.output_variables].index("differential_acceleration")]
+    itself = on_its_own(car, run)["differential_acceleration"]
     # where it does not jump it is the acceleration itself
     assert np.median(np.abs(shown - itself)) < 0.01 * np.std(itself)
 
@@ -72,7 +65,7 @@ def test_an_accelerometer_shows_the_mean_and_misses_no_impact(car_and_run):
 def test_led_by_its_own_speeds_it_goes_its_own_way(car_and_run):
     car, run = car_and_run
     free = car.raw(car.values, run.free)
-    led = car.raw(car.values, led_by(car, run, car.values))
+    led = car.raw(car.values, led_by(run, free))
     for name in ("engine_speed", "propeller_shaft_torque", "wheel_speed"):
         # what leads it is half a step old, sampled once a step
         assert np.max(np.abs(led[name] - free[name])) < 2e-2 * np.ptp(free[name])
@@ -97,7 +90,7 @@ def test_what_leads_it_leaves_little_beside_the_noise_of_the_channels(car_and_ru
 
 def test_a_led_driveline_forgets_a_torque(car_and_run):
     car, run = car_and_run
-    led = led_by(car, run, car.values)
+    led = led_by(run, car.raw(car.values, run.free))
     kick = np.zeros(len(run.inputs))
     kick[2500:2600] = 5.0
     for one, forgets in ((led, True), (run.free, False)):
@@ -178,9 +171,9 @@ def missing(car, run, raw):
     """The disturbances found where this was measured, and the run as measured."""
     random = np.random.default_rng(1)
     shown = car.instruments(raw, car.values, run)
-    led = replace(run, anchors={name: CubicSpline(run.time, raw[name]) for name in ANCHORS},
-                  measured={name: shown[place] + FLOORS[name] * random.standard_normal(place.stop - place.start)
-                            for name, place in run.slices.items()})
+    read = {name: shown[place] + FLOORS[name] * random.standard_normal(place.stop - place.start)
+            for name, place in run.slices.items()}
+    led = replace(led_by(run, raw), measured=read)
     with Predictor(car, [led], coordinates(car, [led]), 2) as predictor:
         fitter = Fitter(predictor)
         fit = fitter.nominal()
@@ -212,6 +205,7 @@ def test_a_torque_that_follows_what_is_fast_is_found_as_a_curve(car_and_run):
     (first, *_), _ = missing(car, run, raw)
     assert (first.place, first.follows) == ("within the axle shafts", "twist")
     true = 100.0 * (first.table["twist"] / 0.04) ** 3
+    assert np.corrcoef(first.table["torque"], true)[0, 1] > 0.9
     assert np.all(np.abs(first.table["torque"] - true) < 2.5 * first.table["std"])
     assert np.ptp(true) > 2.0 * first.table["std"].max()
     name, shape, _ = goes_with(first.table, first.follows)

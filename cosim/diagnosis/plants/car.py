@@ -256,6 +256,12 @@ class FullOrderCar(InstrumentedPlant):
         return 0.0
 
 
+def led_by(run: Run, raw: Mapping[str, np.ndarray]) -> Run:
+    """A run led along what a simulation shows, as if that had been measured, by sensors without errors."""
+    return dataclasses.replace(run, anchors={name: CubicSpline(run.time, raw[name]) for name in ANCHORS
+                                             if name in run.clocks})
+
+
 def _anchors(manoeuvre: Manoeuvre) -> dict[str, CubicSpline]:
     """The channel at either end of the driveline, as far as there is one."""
     return {name: CubicSpline(manoeuvre[name].time, manoeuvre[name].values) for name in ANCHORS if name in manoeuvre}

@@ -79,3 +79,7 @@ class Run:
     def stacked(self) -> np.ndarray:
         """All measured values, channel after channel."""
         return np.concatenate([self.measured[name] for name in self.clocks])
+
+    def stack(self, of: Mapping[str, float]) -> np.ndarray:
+        """A number of each channel at each of its samples, as ``stacked``."""
+        return np.concatenate([np.full(clock.size, of[name]) for name, clock in self.clocks.items()])
