@@ -467,10 +467,10 @@ def integrate(plan, work, y, dy, y2, dy2, spare, span, signal, torque, torque_b,
     events = 0
     limit = 200 + 50 * steps
     rates(plan, work, y, dy, signal, torque, torque_b, modes, matrix)
+    g0 = largest_guard(plan, work, y, signal, torque, modes)
     for _ in range(steps):
         rest = h_full
         while rest > 0.0:
-            g0 = largest_guard(plan, work, y, signal, torque, modes)
             while g0 > 0.0:
                 events += 1
                 if events > limit:
@@ -483,6 +483,8 @@ def integrate(plan, work, y, dy, y2, dy2, spare, span, signal, torque, torque_b,
             if g1 > 0.0:
                 done = locate(plan, work, y, dy, 0.0, rest, g0, g1, y2, dy2, signal, torque, torque_b,
                               modes, matrix, spare)
+                g1 = largest_guard(plan, work, y2, signal, torque, modes)
+            g0 = g1
             for i in range(n):
                 work[y + i] = work[y2 + i]
                 work[dy + i] = work[dy2 + i]
@@ -491,7 +493,6 @@ def integrate(plan, work, y, dy, y2, dy2, spare, span, signal, torque, torque_b,
                 rest = 0.0
     # A mode that ends exactly at the end of the span is switched here, so that what is shown
     # and stored is consistent.
-    g0 = largest_guard(plan, work, y, signal, torque, modes)
     while g0 > 0.0:
         events += 1
         if events > limit:
@@ -653,7 +654,8 @@ def network_run(state: F8, plan: I8, constants: F8, work: F8, inputs: F8, output
     work[signal + ONE] = 1.0
     work[signal + RUNS] = 1.0
     work[signal + DELAYED] = 0.0
-    work[signal + NOISE] = 0.0
+    drawn = 0  # number of the noise value that is held
+    work[signal + NOISE] = standard_normal(plan[SEED], drawn)
     delay = work[DELAY]
     tick = work[TICK]
     status = OK
@@ -694,7 +696,9 @@ def network_run(state: F8, plan: I8, constants: F8, work: F8, inputs: F8, output
                     end = change
                 period = work[NOISE_PERIOD]
                 k = int((time + TIME_TOLERANCE) / period)
-                work[signal + NOISE] = standard_normal(plan[SEED], k)
+                if k != drawn:
+                    work[signal + NOISE] = standard_normal(plan[SEED], k)
+                    drawn = k
                 if (k + 1) * period < end - TIME_TOLERANCE:
                     end = (k + 1) * period
             ticks = 0

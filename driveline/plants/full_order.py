@@ -311,6 +311,7 @@ class FullOrderPlant(Plant):
         net.shaft("engine_mount", mounts, GROUND, p.engine_mount.stiffness, p.engine_mount.damping)
         net.reaction("axle_reaction", case, hypoid, -ring_ratio)
         net.reaction("output_reaction", mounts, front, -1.0)
+
         half, arm = 0.5, p.differential_case.lever_arm
         at_shaft = ByGear(tuple(1.0 / r for r in ratio.values))
         net.output("engine_speed", Term(k.SPEED, crank))
@@ -339,21 +340,20 @@ class FullOrderPlant(Plant):
         net.output("energy_stored", Term(k.STORED, 0))
         net.output("energy_supplied", Term(k.LEVEL, net.place("energy_supplied")))
         net.output("energy_dissipated", Term(k.LEVEL, net.place("energy_dissipated")))
-        net.meter("propeller_shaft_torque", "propeller_shaft_torque_measured", p.torque_meter)
-        for speed, jitter_source in MEASURED_SPEEDS.items():
-            net.sensor(speed, f"{speed}_measured", getattr(p, f"{speed}_sensor"), jitter_source)
-
         net.settings |= {k.DELAY: e.air_delay, k.SUBSTEP: p.solver.maximum_substep,
                          k.NOISE_PERIOD: e.noise_period}
         names = net.inputs
         net.roles = {k.GEAR_INPUT: names.index("gear"), k.DELAYED_INPUT: names.index("engine_torque"),
                      k.GRADE_INPUT: names.index("road_grade"), k.GEARSET_NODE: gearset,
                      k.GEARSET_BRANCH: gears, k.SEED: e.noise_seed}
-        self.attach(net)
+        self.attach(net, p)
         return net.build()
 
-    def attach(self, net: Assembly) -> None:
-        """Elements and outputs beside those of the driveline: none here, for plants that are this and more."""
+    def attach(self, net: Assembly, p: FullOrderParameters) -> None:
+        """What is attached to the driveline: its sensors here; other things in plants that are this and more."""
+        net.meter("propeller_shaft_torque", "propeller_shaft_torque_measured", p.torque_meter)
+        for speed, jitter_source in MEASURED_SPEEDS.items():
+            net.sensor(speed, f"{speed}_measured", getattr(p, f"{speed}_sensor"), jitter_source)
 
     def start_speeds(self, p: FullOrderParameters, network: Network) -> tuple[np.ndarray, bool]:
         """Rolling speeds; the engine turns with the turbine where the lock-up clutch is closed."""

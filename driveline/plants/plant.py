@@ -17,6 +17,7 @@ from .assembly import GROUND, Network
 
 # Runge-Kutta's method of order four is stable for step times rate below 2.78; this keeps off it.
 STABLE = 2.5
+SLOW = 0.1  # Newton's method takes new derivatives where a step is not that much shorter than the one before
 
 STATUS = {
     k.NOT_FINITE: "a state is no longer finite; look for a parameter far from its usual size, or "
@@ -42,6 +43,7 @@ class Plant(KernelModel):
         super().__init__(defaults, backend)
         self._rates_kernel = native.load("network_rates", backend)
         self.network: Network | None = None
+        self._assembled: Any = None  # the parameters it was made from
 
     def assemble(self, parameters: Any) -> Network:
         """The network for these parameters."""
@@ -52,7 +54,8 @@ class Plant(KernelModel):
         raise NotImplementedError
 
     def _prepare(self) -> None:
-        self.network = self.assemble(self.parameters)
+        self._assembled = self.parameters
+        self.network = self.assemble(self._assembled)
         self.state = self.network.state
         net = self.network
         self._run = self._kernel.bind(
@@ -60,8 +63,7 @@ class Plant(KernelModel):
 
     def _initialize(self, start_time: float) -> None:
         net = self.network
-        parameters = self.parameters
-        speeds, steady = self.start_speeds(parameters, net)
+        speeds, steady = self.start_speeds(self._assembled, net)
         n_nodes = len(net.nodes)
         self.state[:n_nodes] = speeds
         self._set_gear()
@@ -306,16 +308,26 @@ class Plant(KernelModel):
             return np.concatenate([rates[:n_nodes] - shape * x[-1], rates[twisted], rates[engine],
                                    slips @ self.state[:n_nodes]])
 
+        def inverse(x: np.ndarray, r: np.ndarray) -> np.ndarray:
+            """Of the derivatives of the residual, which is r."""
+            jacobian = np.empty((r.size, x.size))
+            for j, h in enumerate(1e-6 * (1.0 + np.abs(x))):
+                moved = x.copy()
+                moved[j] += h
+                jacobian[:, j] = (residual(moved) - r) / h
+            return np.linalg.pinv(jacobian)
+
         for _ in range(3):
             x = np.append(self.state[unknown], 0.0)
-            for _ in range(12):
+            size = before = np.inf
+            for _ in range(24):
                 r = residual(x)
-                steps = 1e-6 * (1.0 + np.abs(x))
-                jacobian = np.column_stack(
-                    [(residual(x + np.eye(1, x.size, j)[0] * h) - r) / h for j, h in enumerate(steps)])
-                delta = np.linalg.lstsq(jacobian, -r, rcond=None)[0]
-                x = x + delta
-                if np.abs(delta).max() < 1e-12 * (1.0 + np.abs(x).max()):
+                if not size < SLOW * before:
+                    solve = inverse(x, r)
+                delta = solve @ r
+                x = x - delta
+                size, before = np.abs(delta).max(), size
+                if size < 1e-12 * (1.0 + np.abs(x).max()):
                     break
             residual(x)
             torques = result[n:n + len(net.branches)]

@@ -16,7 +16,7 @@ from cosim.diagnosis.plants.run import STEP, Nuisance, Run
 from cosim.measured import Manoeuvre, Measurement
 from driveline.kernels import network as k
 from driveline.plants.assembly import GROUND, Assembly, Term
-from driveline.plants.full_order import FullOrderPlant, input_variable, output_variable
+from driveline.plants.full_order import FullOrderParameters, FullOrderPlant, input_variable, output_variable
 from driveline.quantities import InputError
 
 log = logging.getLogger("cosim")
@@ -25,6 +25,13 @@ SETTLE = 0.3  # what is not compared after the start [s]: the plant starts rolli
 LONGEST = 15.0  # a longer recording is cut [s]: start speed and grade are constant within a run
 RUNS = 6  # at most so many stretches of one long recording
 LOCKED = 8.0  # rad/s: a lock-up clutch that is closed slips less, by its control, through a step of torque too
+
+
+CHANNELS = ("engine_speed", "turbine_speed", "transmission_output_speed", "wheel_speed", "vehicle_speed",
+            "propeller_shaft_torque", "seat_acceleration", "differential_acceleration")
+# Outputs of the plant that are computed: what sensors show (of an accelerometer, what it is made of), and the torque
+# that shafts twist by.
+_COMPUTED = {*CHANNELS, "axle_shaft_torque"} - {"differential_acceleration"}
 
 
 @dataclass(frozen=True)
@@ -91,7 +98,7 @@ class LedPlant(FullOrderPlant):
               *(input_variable(f"led_{name}", anchor.unit, f"measured {name.replace('_', ' ')}")
                 for name, anchor in ANCHORS.items()),
               input_variable("push", "N.m", "disturbance torque, or force [N] on the vehicle"))
-    output_variables = (*FullOrderPlant.output_variables,
+    output_variables = (*(v for v in FullOrderPlant.output_variables if v.name in _COMPUTED),
                         output_variable("differential_speed", "rad/s", "pitch rate of the axle housing"))
     led: tuple[str, ...] = ()
     pushed: str = ""
@@ -99,8 +106,9 @@ class LedPlant(FullOrderPlant):
     def possible_gears(self) -> list[int | None]:
         return [None]  # a run has one gear, and a diagnosis simulates thousands
 
-    def attach(self, net: Assembly) -> None:
-        """The forces that lead it, and what an accelerometer needs."""
+    def attach(self, net: Assembly, p: FullOrderParameters) -> None:
+        """The forces that lead it, and what an accelerometer needs; the test car has other sensors."""
+        net.outputs = {name: terms for name, terms in net.outputs.items() if name in _COMPUTED}
         net.output("differential_speed", Term(k.SPEED, list(net.nodes).index("differential_case")))
         for name in self.led:
             anchor = ANCHORS[name]
@@ -117,8 +125,7 @@ class FullOrderCar(InstrumentedPlant):
     name = "plant_fom"
     plant = LedPlant
     driver = "engine_torque"
-    channels = ("engine_speed", "turbine_speed", "transmission_output_speed", "wheel_speed", "vehicle_speed",
-                "propeller_shaft_torque", "seat_acceleration", "differential_acceleration")
+    channels = CHANNELS
 
     def _named(self, table: np.ndarray) -> dict[str, np.ndarray]:
         """Outputs by name; the differential's acceleration as an accelerometer shows it, a mean over two steps.
