@@ -8,9 +8,8 @@ How a finding is read:
 - *named*: what explains it together, as ``together`` says; the first, where a method does not say that. Such effects
   divide their probability.
 - *confidently wrong*: ``cause`` as the verdict, what is named has 80 % or more together, and not all of it is there.
-- *as large as the recordings show*: the hidden effect is beyond what ``would_show`` of the finding says would have been
-  named; of a pair the weaker beyond what it says of a cause beside another. Where that is not known (effects that do
-  nothing while small) a case counts for neither.
+- *as large as the recordings show*: the hidden effect, of a pair both, is beyond what ``would_show`` of the finding
+  says would have been named. Where that is not known (effects that do nothing while small) a case counts for neither.
 - errors of parameters are those of hidden ones whose effect is among the named: |found/true - 1| of a factor,
   |found - true|/|true| of a shift. Intervals are asked of every parameter of such an effect.
 """
@@ -101,21 +100,19 @@ def visible(result: Result) -> bool | None:
     """Whether all that was hidden is as large as the finding says the recordings show; None where it does not say."""
     shown = {(row["effect"], row["parameter"]): row for row in (result["finding"] or {}).get("would_show", ())}
     sizes = result["truth"]["effects"] if result["truth"] else {}
-    alone, beside = [], []
+    beyond = []
     for effect, hidden in sizes.items():
         rows = [(shown[effect, p.name], p, hidden[p.name]) for p in CATALOGUE[effect].parameters
                 if p.name in hidden and (effect, p.name) in shown]
         if not rows:
             return None
-        alone.append(any(_beyond(row, row["nominal"], p, size) for row, p, size in rows))
-        beside.append(any(_beyond(row["beside_another"], row["nominal"], p, size) for row, p, size in rows))
-    return all(alone) and sum(beside) >= len(beside) - 1 if alone else None
+        beyond.append(any(_beyond(row, p, size) for row, p, size in rows))
+    return all(beyond) if beyond else None
 
 
-def _beyond(ends: Mapping[str, float | None], nominal: float, parameter: EffectParameter, size: float) -> bool:
-    value = parameter.applied(size, nominal)
-    return (ends["below"] is not None and value <= ends["below"]) or (ends["above"] is not None
-                                                                     and value >= ends["above"])
+def _beyond(row: Mapping[str, Any], parameter: EffectParameter, size: float) -> bool:
+    value = parameter.applied(size, row["nominal"])
+    return (row["below"] is not None and value <= row["below"]) or (row["above"] is not None and value >= row["above"])
 
 
 def confidently_wrong(result: Result) -> bool:

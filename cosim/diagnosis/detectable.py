@@ -42,29 +42,24 @@ def detectable(evidence: Evidence, coordinates: Sequence[Coordinate], needed: fl
     return found
 
 
-def would_show(alone: Mapping[int, float], beside: Mapping[int, float], coordinates: Sequence[Coordinate],
+def would_show(smallest: Mapping[int, float], coordinates: Sequence[Coordinate],
                values: Mapping[str, float]) -> list[dict[str, Any]]:
     """The same as ``finding.json`` has it: below and above which value each parameter would have been named.
 
     None where that would be an implausible value.
 
     Args:
-        alone: Smallest sizes.
-        beside: The same beside another cause.
-        coordinates: Of both.
+        smallest: Sizes, as ``detectable`` gives them.
+        coordinates: Of these.
         values: Of the vehicle file.
     """
     rows = []
-    for i, size in alone.items():
+    for i, size in smallest.items():
         c = coordinates[i]
         nominal, _, unit = c.parameter.physical(c.parameter.neutral, values)
-        below, above = _ends(c, size, values)
+        low = 0.0 if c.phase else c.low  # an amplitude
+        below, above = (c.parameter.physical(c.parameter.size(x), values)[1] if low <= x <= c.high else None
+                        for x in (-size, size))
         rows.append({"effect": c.effect, "parameter": c.name, "nominal": nominal, "below": below, "above": above,
-                     "beside_another": dict(zip(("below", "above"), _ends(c, beside[i], values))), "unit": unit})
+                     "unit": unit})
     return rows
-
-
-def _ends(c: Coordinate, size: float, values: Mapping[str, float]) -> list[float | None]:
-    low = 0.0 if c.phase else c.low  # an amplitude
-    return [c.parameter.physical(c.parameter.size(side * size), values)[1] if low <= side * size <= c.high else None
-            for side in (-1.0, 1.0)]

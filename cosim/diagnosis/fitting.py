@@ -11,12 +11,11 @@ from cosim.diagnosis.evidence import Evidence, Layout, Posterior, Slopes, prior
 from cosim.diagnosis.noise import Noise, floors
 from cosim.diagnosis.predict import Predictor
 
-FIRST = -8.0  # log odds that a given effect is there
-# And beside others: what a fit of those misses looks like one. So it has to be all the clearer, unless there are ENOUGH
-# recordings and more than one of them shows it (``shows``).
-FURTHER, FURTHER_OF_FEW, ENOUGH = -12.0, -25.0, 3
-_ALSO = 3.0  # log evidence of all recordings but the one that shows it best
-SECOND_PARAMETER = -3.0  # and that a second parameter of an effect is off as well
+EFFECT = -8.0  # log odds that a given effect is there
+SECOND_PARAMETER = -3.0  # and that a second parameter of it is off as well
+# What the fit of one cause misses may look like another. So that one, beside others, has to be _CLEAR, or more than one
+# recording shows it where there are ENOUGH: all but the one that shows it best say so much of it (log evidence).
+ENOUGH, _CLEAR, _ALSO = 3, 8.0, 3.0
 _ENSEMBLE = 8  # simulations with a wandering torque
 SETTLED = 1.0  # log evidence that a fit with new derivatives may still gain
 _BENT = 2.0  # squared distance [sigma] between a run and its tangent at which derivatives are renewed
@@ -149,16 +148,11 @@ class Fitter:
         """Whether there are recordings enough to ask each what the others foretell."""
         return len(self.measured) >= ENOUGH
 
-    @property
-    def further(self) -> float:
-        """Log odds that a given effect is there beside others."""
-        return FURTHER if self.enough else FURTHER_OF_FEW
-
     def log_prior(self, causes: Iterable[str]) -> float:
         """Log odds of a set of causes before anything was measured."""
         causes = list(causes)
         count = len({cause.partition(":")[0] for cause in causes})
-        return FIRST * min(count, 1) + self.further * max(count - 1, 0) + SECOND_PARAMETER * (len(causes) - count)
+        return EFFECT * count + SECOND_PARAMETER * (len(causes) - count)
 
     def judged(self, fit: Fit, noise: Noise) -> Evidence:
         """What the runs say where a supposition is compared with others."""
@@ -189,7 +183,7 @@ class Fitter:
             fit: With the cause.
             without: The same without it.
         """
-        if not self.enough or fit.score - without.score > FURTHER - FURTHER_OF_FEW:
+        if not self.enough or fit.score - without.score > _CLEAR:
             return True
         gains = fit.foretold - without.foretold
         return float(np.sum(gains) - np.max(gains)) > _ALSO

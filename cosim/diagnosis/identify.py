@@ -19,7 +19,7 @@ import numpy as np
 from cosim.diagnosis.alike import alike, instead
 from cosim.diagnosis.detectable import detectable
 from cosim.diagnosis.evidence import Evidence, prior
-from cosim.diagnosis.fitting import FIRST, SETTLED, Fit, Fitter
+from cosim.diagnosis.fitting import EFFECT, SETTLED, Fit, Fitter
 from cosim.diagnosis.noise import Noise
 from cosim.diagnosis.predict import Predictor
 
@@ -41,7 +41,7 @@ _RIVAL, _RIVALS = 12.0, 4  # log evidence below the leader at which a rival gets
 _SHORT = 3.0  # log evidence below what the leader's derivatives promise at which a settled rival is fitted again
 _UNEXPLAINED = 40.0  # of minus twice the log likelihood of a run: leaves half of what it says
 _DOUBTS_ALIKE = 1.2  # ratio of temperatures below which they are the same
-_TEMPER = 3.0  # of differences in evidence: fits that say the same differ by some units
+_TEMPER = 2.0  # of differences in evidence: a plant of another structure errs by some units
 _TURNS = 30  # steps of the search, at most; some three a cause
 _KEPT = 24  # fits
 
@@ -56,8 +56,7 @@ class Identification:
         healthy: The supposition without causes.
         noise: Under which they were compared.
         alike: Groups of causes that do the same in these recordings.
-        detectable: Smallest size of every cause that they would show, by its place among the coordinates; ``beside``,
-            the same beside another cause.
+        detectable: Smallest size of every cause that they would show, by its place among the coordinates.
     """
 
     best: Fit
@@ -66,7 +65,6 @@ class Identification:
     noise: Noise
     alike: list[tuple[str, ...]]
     detectable: dict[int, float]
-    beside: dict[int, float]
 
     def shares(self) -> np.ndarray:
         """Of the suppositions in the evidence of all, which add up to 1."""
@@ -203,9 +201,8 @@ class Search:
                 break
         self._put_instead()
         leader, *others = self.worthy()
-        seen = self.fitter.seen(self.file, self.noise)
-        alone, beside = (detectable(seen, self.coordinates, -odds) for odds in (FIRST, self.fitter.further))
-        return Identification(leader, [leader, *others], self.pool[()], self.noise, self.alike, alone, beside)
+        shown = detectable(self.fitter.seen(self.file, self.noise), self.coordinates, -EFFECT)
+        return Identification(leader, [leader, *others], self.pool[()], self.noise, self.alike, shown)
 
     def worthy(self) -> list[Fit]:
         """The suppositions whose causes are large enough to be some, the likeliest first."""

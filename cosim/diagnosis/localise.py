@@ -7,7 +7,7 @@ just lasts, with the one over which its picture is a curve.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -62,14 +62,16 @@ class Disturbance:
     follows: str = ""
 
 
-def disturbances(predictor: Predictor, fit: Fit, noise: Noise) -> list[Disturbance]:
-    """The torque missing at every place beside a fitted supposition, the most evident first.
+def disturbances(predictor: Predictor, fit: Fit, noise: Noise, places: Iterable[str] = PLACES) -> list[Disturbance]:
+    """The torque missing at some places beside a fitted supposition, the most evident first.
 
     Args:
         predictor: Of the runs.
         fit: What is known to be wrong.
         noise: Of the channels.
+        places: Of ``PLACES``.
     """
+    places = list(places)
     runs, layout = predictor.runs, Layout(predictor.coordinates, len(predictor.runs))
     healthy = [Healthy(layout, r, fit, (run.stacked - fit.predicted[r]) / noise.least[r], noise.least[r])
                for r, run in enumerate(runs)]
@@ -77,7 +79,7 @@ def disturbances(predictor: Predictor, fit: Fit, noise: Noise) -> list[Disturban
     followed = {name: [pieces(name, own, signals) for own in signals] for name in QUICK}
     supposed = {(place, name): Torque(healthy, [h / scale[:, None] for h, scale in zip(slopes, noise.least)],
                                       *HEIGHTS[name])
-                for place in PLACES for name, slopes in slopes_of(predictor, fit, place, followed).items()}
+                for place in places for name, slopes in slopes_of(predictor, fit, place, followed).items()}
     # a plant of another structure is never right to the noise: errors count as what the best supposition leaves
     left = [own.leaves for own in healthy]
     for _ in range(2):
@@ -88,7 +90,7 @@ def disturbances(predictor: Predictor, fit: Fit, noise: Noise) -> list[Disturban
     at_hats = [{name: np.interp(hats(run), run.time, signal) for name, signal in own.items()}
                for run, own in zip(runs, signals)]
     found = []
-    for place in PLACES:
+    for place in places:
         # a curve has to be more than a constant, and more than what goes with nothing
         least = max(gains[place, LASTING], gains[place, CONSTANT]) + _MORE
         quick = max(QUICK, key=lambda name, place=place: gains[place, name] + _OWN * _is_own(name, place))

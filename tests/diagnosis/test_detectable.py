@@ -52,12 +52,9 @@ def test_what_was_measured_does_not_matter(problem):
 def test_sizes_are_told_in_the_unit_of_the_value_and_only_if_plausible():
     coordinates = [coordinate("stiffness"), coordinate("offset", make=shift, low=-0.1),
                    replace(coordinate("swing", run=0, make=shift), phase="swing.phase")]
-    rows = would_show({0: 0.2, 1: 0.5, 2: 0.3}, {0: 0.4, 1: 1.5, 2: 0.6}, coordinates,
-                      {"stiffness": 100.0, "offset": 2.0})
+    rows = would_show({0: 0.2, 1: 0.5, 2: 0.3}, coordinates, {"stiffness": 100.0, "offset": 2.0})
     assert rows[0] == {"effect": "stiffness", "parameter": "stiffness", "nominal": 100.0,
                        "below": pytest.approx(100.0 * np.exp(-0.2)), "above": pytest.approx(100.0 * np.exp(0.2)),
-                       "beside_another": {"below": pytest.approx(100.0 * np.exp(-0.4)),
-                                          "above": pytest.approx(100.0 * np.exp(0.4))}, "unit": "N.m"}
+                       "unit": "N.m"}
     assert rows[1]["below"] is None and rows[1]["above"] == pytest.approx(2.5)
-    assert rows[1]["beside_another"] == {"below": None, "above": None}
     assert rows[2]["below"] is None and rows[2]["above"] == pytest.approx(0.3)  # an amplitude

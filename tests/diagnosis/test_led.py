@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
+from cosim.diagnosis.diagnose import MISSING, WITNESSES
 from cosim.diagnosis.fitting import Fitter
 from cosim.diagnosis.hidden import hide
 from cosim.diagnosis.localise import disturbances, goes_with
@@ -168,8 +169,8 @@ def test_the_slopes_of_a_row_of_hats_are_those_of_each(car_and_run):
     assert np.abs(slopes[:, 40] - alone).max() < 0.1 * np.abs(alone).max()
 
 
-def missing(car, run, raw):
-    """The disturbances found where this was measured, and the run as measured."""
+def missing(car, run, raw, places=PLACES):
+    """The disturbances found at some places where this was measured, and the run as measured."""
     random = np.random.default_rng(1)
     shown = car.instruments(raw, car.values, run)
     read = {name: shown[place] + FLOORS[name] * random.standard_normal(place.stop - place.start)
@@ -179,7 +180,7 @@ def missing(car, run, raw):
         fitter = Fitter(predictor)
         fit = fitter.nominal()
         noise = fitter.noise(fit)
-        return disturbances(predictor, fitter.renewed(fitter.refine(fit, noise, 5), noise), noise), led
+        return disturbances(predictor, fitter.renewed(fitter.refine(fit, noise, 5), noise), noise, places), led
 
 
 @pytest.mark.parametrize("place", ["vehicle", "propeller shaft", "within the axle shafts"])
@@ -194,6 +195,14 @@ def test_a_torque_nobody_knew_of_is_found_where_it_acts(car_and_run, place):
     true = np.interp(hats(led), run.time, push)
     inside = slice(8, -8)
     assert np.corrcoef(first.table["torque"][inside], true[inside])[0, 1] > alike
+
+
+@pytest.mark.parametrize("place", ["engine", "transmission", "wheel"])
+def test_a_torque_that_is_missing_elsewhere_shows_at_a_witness(car_and_run, place):
+    car, run = car_and_run
+    push = 3.0 * PLACES[place].size * np.sin(2.0 * np.pi * 2.0 * run.time)
+    (first, *others), _ = missing(car, run, car.pushed(car.values, run.free, Nuisance(), place, push), WITNESSES)
+    assert first.gain > 2.0 * MISSING and {first.place, *(d.place for d in others)} == set(WITNESSES)
 
 
 def test_a_torque_that_follows_what_is_fast_is_found_as_a_curve(car_and_run):
