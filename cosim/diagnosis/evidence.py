@@ -131,8 +131,19 @@ class Slopes:
         # of I + D^1/2 A D^1/2, and (D^-1 + A)^-1 in a form that allows for D = 0
         self.factor = cholesky(np.eye(n) + d[:, None] * self.information * d, lower=True)
         self.loose = d[:, None] * cho_solve((self.factor, True), np.diag(d))
-        self.capped = self.information - self.information @ self.loose @ self.information
+        capped = self._about_shared(self.information)
+        self.capped = 0.5 * (capped + capped.T)
         self.log_determinant += 2.0 * float(np.sum(np.log(np.diag(self.factor))))
+
+    def _about_shared(self, told: np.ndarray) -> np.ndarray:
+        """Information on v (a vector, or columns of a matrix) as one on u: (I + A D)^-1 told.
+
+        As told - A (D^-1 + A)^-1 told it would be a small difference of large numbers where a run is sharp.
+        """
+        d = self.layout.deviation[:, None]
+        columns = told.reshape(d.size, -1)
+        part = cho_solve((self.factor, True), d * columns)
+        return np.divide(part, d, out=columns - self.information @ (d * part), where=d > 0.0).reshape(told.shape)
 
     def seen(self, residual: np.ndarray, point: np.ndarray) -> Seen:
         """What the run says, given its whitened residual at a point of all coordinates."""
@@ -143,7 +154,7 @@ class Slopes:
         own = vector[self.n:]
         b = vector[:self.n] - self.cross.T @ (self.inverse @ own)
         length -= float(own @ self.inverse @ own)
-        return Seen(self, b, own, b - self.information @ (self.loose @ b), length - float(b @ self.loose @ b))
+        return Seen(self, b, own, self._about_shared(b), length - float(b @ self.loose @ b))
 
 
 @dataclass(frozen=True)
