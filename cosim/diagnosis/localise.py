@@ -50,6 +50,7 @@ class Disturbance:
     Attributes:
         place: Which, of ``PLACES``.
         gain: Log evidence over that of no torque.
+        alone: Of each recording as if it were the only one.
         size: Standard deviation of the torque [N.m; N on the vehicle].
         table: Torque, its standard deviation, and what it may go with, at all hats of all runs.
         follows: The variable it follows as fast as that moves; empty where it is no more than a torque over time.
@@ -57,6 +58,7 @@ class Disturbance:
 
     place: str
     gain: float
+    alone: np.ndarray
     size: float
     table: dict[str, np.ndarray] = field(repr=False)
     follows: str = ""
@@ -102,7 +104,8 @@ def disturbances(predictor: Predictor, fit: Fit, noise: Noise, places: Iterable[
             deviation = np.sqrt(np.einsum("ij,jk,ik->i", shown, covariance, shown))
             tables.append({"torque": shown @ mean, "std": deviation, "run": np.full(len(shown), float(r))} | at)
         table = {column: np.concatenate([t[column] for t in tables]) for column in tables[0]}
-        found.append(Disturbance(place, gains[place, best], float(np.std(table["torque"])), table,
+        alone = supposed[place, best].alone(sizes[place, best], left)
+        found.append(Disturbance(place, gains[place, best], alone, float(np.std(table["torque"])), table,
                                  "" if best == LASTING else best))
     return sorted(found, key=lambda d: -d.gain)
 

@@ -161,14 +161,8 @@ class Torque:
 
     def _solved(self, size: float, left: Sequence[float]) -> list[tuple[np.ndarray, np.ndarray, float]]:
         """Of each group of runs, mean and covariance of the heights, and log evidence."""
-        solved, told = [], self._information(left)
-        for group, root in zip(self.groups, self.roots):
-            root = size * root
-            inner = root.T @ sum(told[r][1] for r in group)
-            factor = cho_factor(np.eye(inner.size) + root.T @ sum(told[r][0] for r in group) @ root, lower=True)
-            evidence = 0.5 * float(inner @ cho_solve(factor, inner)) - float(np.sum(np.log(np.diag(factor[0]))))
-            solved.append((root @ cho_solve(factor, inner), root @ cho_solve(factor, root.T), evidence))
-        return solved
+        told = self._information(left)
+        return [_solved([told[r] for r in group], size * root) for group, root in zip(self.groups, self.roots)]
 
     def gain(self, size: float, left: Sequence[float]) -> float:
         """Log evidence over no torque if its pieces are of some size.
@@ -178,6 +172,12 @@ class Torque:
             left: Of each run, by what the noise's variance is larger.
         """
         return sum(evidence for _, _, evidence in self._solved(size, left))
+
+    def alone(self, size: float, left: Sequence[float]) -> np.ndarray:
+        """The same of each run as if it were the only one."""
+        told = self._information(left)
+        return np.array([evidence for group, root in zip(self.groups, self.roots)
+                         for _, _, evidence in (_solved([told[r]], size * root) for r in group)])
 
     def solve(self, size: float, left: Sequence[float]) -> list[tuple[np.ndarray, np.ndarray]]:
         """Of each run, most probable heights and their covariance."""
@@ -191,3 +191,16 @@ class Torque:
             there = own.explain(left[r], own.product - self.cross[r] @ mean)
             found.append(float(np.mean((own.residual - self.slopes[r] @ mean - own.slopes @ there) ** 2)))
         return found
+
+
+def _solved(told: Sequence[tuple[np.ndarray, np.ndarray]], root: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """Mean and covariance of heights, and log evidence, from what some runs say of them together.
+
+    Args:
+        told: Information matrix and vector of each run.
+        root: Of the heights' prior covariance.
+    """
+    inner = root.T @ sum(vector for _, vector in told)
+    factor = cho_factor(np.eye(inner.size) + root.T @ sum(matrix for matrix, _ in told) @ root, lower=True)
+    evidence = 0.5 * float(inner @ cho_solve(factor, inner)) - float(np.sum(np.log(np.diag(factor[0]))))
+    return root @ cho_solve(factor, inner), root @ cho_solve(factor, root.T), evidence
