@@ -17,7 +17,7 @@ EFFECT = -5.0
 SECOND_PARAMETER = -3.0  # and that a second parameter of it is off as well
 # What the fit of one cause misses may look like another. So that one, beside others, has to be _CLEAR, or more than one
 # recording shows it where there are ENOUGH: all but the one that shows it best say so much of it (log evidence).
-ENOUGH, _CLEAR, _ALSO = 3, 8.0, 3.0
+ENOUGH, _CLEAR, _ALSO = 3, 4.0, 3.0
 _ENSEMBLE = 8  # simulations with a wandering torque
 SETTLED = 1.0  # log evidence that a fit with new derivatives may still gain
 _BENT = 2.0  # squared distance [sigma] between a run and its tangent at which derivatives are renewed
