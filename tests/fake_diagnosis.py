@@ -1,4 +1,4 @@
-"""A diagnosis that looks at nothing but the files' bytes: fast, the same everywhere, and right or wrong at will.
+"""A diagnosis that looks at nothing but the files' times: fast, the same everywhere, and right or wrong at will.
 
 In a module of its own as worker processes import it by name.
 """
@@ -13,13 +13,14 @@ FAILS = "ValueError: nothing to be seen"
 
 
 def digest(path: Path) -> int:
-    """A number that the measurement decides."""
-    contents = b"".join(file.read_bytes() for file in sorted(Path(path).iterdir()))
-    return int(hashlib.sha256(contents).hexdigest()[:8], 16)
+    """A number that the measurement decides: when its loggers sampled, which is the same on every processor."""
+    stamps = [line.partition(",")[0] for file in sorted(Path(path).glob("*.csv")) for line in
+              file.read_text().splitlines()]
+    return int(hashlib.sha256("\n".join(stamps).encode()).hexdigest()[:8], 16)
 
 
 def guess(path, out=None, *, workers=None):
-    """A cause drawn by the bytes of the measurement; one case in four fails."""
+    """A cause drawn by the measurement; one case in four fails."""
     number = digest(path)
     if number % 4 == 0:
         raise ValueError(FAILS.partition(": ")[2])
