@@ -19,7 +19,7 @@ from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.detectable import would_show
 from cosim.diagnosis.evidence import Layout
 from cosim.diagnosis.finding import gained
-from cosim.diagnosis.fitting import Fit, as_found
+from cosim.diagnosis.fitting import Fit, Fitter, as_found
 from cosim.diagnosis.identify import APART, Identification, Search
 from cosim.diagnosis.localise import disturbances, goes_with
 from cosim.diagnosis.noise import Noise
@@ -36,8 +36,8 @@ LIKELY = 0.05  # causes less probable are not listed
 # Of the logarithm of what is left over what should be, root mean square over the runs: more, and the catalogue does
 # not explain it. A run of which something is missing weighs more than a little in each.
 STRANGE = 0.08
-# Nor does it where a torque is missing somewhere beside the causes, of so much log evidence a recording (``missing``).
-# Right causes leave 2 to 25 of it, those that imitate what is not in the catalogue 110 to 870.
+# Nor does it where a torque is missing somewhere beside the causes, of so much log evidence a recording.
+# Right causes leave 2 to 25 of it, those that imitate what is not in the catalogue 170 to 870.
 MISSING = 40.0
 WITNESSES = ("propeller shaft", "within the axle shafts", "vehicle")  # a torque missing elsewhere shows at one of them
 SOMETHING_ELSE = 0.03  # probability that is left for what nobody thought of
@@ -165,7 +165,7 @@ def _driveline(diagnosis: Diagnosis, car: FullOrderCar, out: Path | None, worker
         found = search.run()
         diagnosis.identification = found
         say("whether something is missing beside what was found")
-        diagnosis.finding = _finding(predictor, found, _strange(predictor, found))
+        diagnosis.finding = _finding(predictor, found, _strange(search.fitter, found))
         if diagnosis.finding["verdict"] == "unknown":
             say("looking for the torque that is missing")
             _localise(diagnosis, predictor, found)
@@ -209,7 +209,7 @@ def _rivals(found: Identification) -> list[tuple[Fit, float]]:
     return rivals
 
 
-def missing(told: np.ndarray) -> bool:
+def is_missing(told: np.ndarray) -> bool:
     """Whether a torque is missing, by the log evidence of it in each recording.
 
     Where there are several, the one that favours it most does not count: in one a fit may be in a minimum where the
@@ -219,14 +219,13 @@ def missing(told: np.ndarray) -> bool:
     return float(np.mean(rest)) > MISSING
 
 
-def _strange(predictor: Predictor, found: Identification) -> bool:
+def _strange(fitter: Fitter, found: Identification) -> bool:
     """Whether something is there that no effect of the catalogue explains."""
-    left = [run.stacked - y for run, y in zip(predictor.runs, found.best.predicted)]
-    excess = [np.mean(list(run.values())) for run in found.noise.excess(left)]
+    excess = [np.mean(list(run.values())) for run in found.noise.excess(fitter.residuals(found.best.predicted))]
     if float(np.sqrt(np.mean(np.square(excess)))) > STRANGE:
         return True
-    first, *_ = disturbances(predictor, found.best, found.noise, WITNESSES)
-    return missing(first.alone)
+    first, *_ = disturbances(fitter.predictor, found.best, found.noise, WITNESSES)
+    return is_missing(first.alone)
 
 
 def _finding(predictor: Predictor, found: Identification, strange: bool) -> dict[str, Any]:

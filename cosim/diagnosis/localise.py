@@ -7,7 +7,7 @@ just lasts, with the one over which its picture is a curve.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -64,7 +64,7 @@ class Disturbance:
     follows: str = ""
 
 
-def disturbances(predictor: Predictor, fit: Fit, noise: Noise, places: Iterable[str] = PLACES) -> list[Disturbance]:
+def disturbances(predictor: Predictor, fit: Fit, noise: Noise, places: Collection[str] = PLACES) -> list[Disturbance]:
     """The torque missing at some places beside a fitted supposition, the most evident first.
 
     Args:
@@ -73,7 +73,6 @@ def disturbances(predictor: Predictor, fit: Fit, noise: Noise, places: Iterable[
         noise: Of the channels.
         places: Of ``PLACES``.
     """
-    places = list(places)
     runs, layout = predictor.runs, Layout(predictor.coordinates, len(predictor.runs))
     healthy = [Healthy(layout, r, fit, (run.stacked - fit.predicted[r]) / noise.least[r], noise.least[r])
                for r, run in enumerate(runs)]

@@ -162,7 +162,7 @@ class Torque:
     def _solved(self, size: float, left: Sequence[float]) -> list[tuple[np.ndarray, np.ndarray, float]]:
         """Of each group of runs, mean and covariance of the heights, and log evidence."""
         told = self._information(left)
-        return [_solved([told[r] for r in group], size * root) for group, root in zip(self.groups, self.roots)]
+        return [_posterior([told[r] for r in group], size * root) for group, root in zip(self.groups, self.roots)]
 
     def gain(self, size: float, left: Sequence[float]) -> float:
         """Log evidence over no torque if its pieces are of some size.
@@ -177,7 +177,7 @@ class Torque:
         """The same of each run as if it were the only one."""
         told = self._information(left)
         return np.array([evidence for group, root in zip(self.groups, self.roots)
-                         for _, _, evidence in (_solved([told[r]], size * root) for r in group)])
+                         for _, _, evidence in (_posterior([told[r]], size * root) for r in group)])
 
     def solve(self, size: float, left: Sequence[float]) -> list[tuple[np.ndarray, np.ndarray]]:
         """Of each run, most probable heights and their covariance."""
@@ -193,7 +193,8 @@ class Torque:
         return found
 
 
-def _solved(told: Sequence[tuple[np.ndarray, np.ndarray]], root: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+def _posterior(told: Sequence[tuple[np.ndarray, np.ndarray]],
+               root: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     """Mean and covariance of heights, and log evidence, from what some runs say of them together.
 
     Args:

@@ -93,6 +93,7 @@ MOST_STUCK = 8
 
 OK, NOT_FINITE, TOO_MANY_EVENTS, QUEUE_FULL = range(4)
 
+NONE_DRAWN = 1 << 62  # in place of a noise value's number
 TIME_TOLERANCE = 1e-9  # [s]; clock instants closer than this are the same
 
 
@@ -484,7 +485,7 @@ def integrate(plan, work, y, dy, y2, dy2, spare, span, signal, torque, torque_b,
                 done = locate(plan, work, y, dy, 0.0, rest, g0, g1, y2, dy2, signal, torque, torque_b,
                               modes, matrix, spare)
                 g1 = largest_guard(plan, work, y2, signal, torque, modes)
-            g0 = g1
+            g0 = g1  # what guards say at the end of a sub-step they say at the start of the next
             for i in range(n):
                 work[y + i] = work[y2 + i]
                 work[dy + i] = work[dy2 + i]
@@ -654,8 +655,8 @@ def network_run(state: F8, plan: I8, constants: F8, work: F8, inputs: F8, output
     work[signal + ONE] = 1.0
     work[signal + RUNS] = 1.0
     work[signal + DELAYED] = 0.0
-    drawn = 0  # number of the noise value that is held
-    work[signal + NOISE] = standard_normal(plan[SEED], drawn)
+    work[signal + NOISE] = 0.0
+    drawn = NONE_DRAWN  # number of the noise value that is held
     delay = work[DELAY]
     tick = work[TICK]
     status = OK

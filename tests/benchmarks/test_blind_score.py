@@ -160,7 +160,8 @@ WOULD_SHOW = [{"effect": "engine_inertia", "parameter": "engine_inertia", "nomin
                "above": None, "unit": "N.m"}]
 
 
-@pytest.mark.parametrize("inertia, offset, seen", [(1.12, -3.0, False), (1.12, -8.0, True), (1.05, -8.0, False)])
+@pytest.mark.parametrize("inertia, offset, seen", [(1.12, -3.0, False), (1.12, -8.0, True), (1.2, -5.0, True),
+                                                   (1.05, -8.0, False)])
 def test_both_of_a_pair_have_to_be_as_large_as_the_recordings_show(inertia, offset, seen):
     truth = {"engine_inertia": {"engine_inertia": inertia}, "torque_meter_offset": {"torque_meter_offset": offset}}
     assert score.visible(result("pair", finding("none") | {"would_show": WOULD_SHOW}, truth)) is seen

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from runs import PLANTS, REDUCED, events, input_rows, ledger, plant, run, start_values, steps, turnover
 
@@ -291,6 +291,8 @@ def test_compiled_and_plain_python_give_the_same_bits(name):
        st.lists(st.sampled_from([0.0, 0.0, 2500.0]), min_size=8, max_size=8),
        st.floats(-0.15, 0.15), st.sampled_from([-1, 1, 3, 7]), st.sampled_from([0.0, 1.0, 8.0]),
        st.lists(st.sampled_from([0, 0, 0, 1, -1]), min_size=8, max_size=8))
+@example([368.0, 0.0, 0.0, 0.0], [0.0] * 8, [0.0] * 8, -0.125, -1, 1.0, [0] * 8)  # more than the tyres carry
+@example([357.0, 0.0, 0.0, 0.0], [0.0] * 8, [0.0] * 8, -0.125, -1, 1.0, [0] * 8)
 def test_whatever_the_driver_does_the_full_order_plant_stays_finite_and_keeps_its_energy(
         torques, commands, brakes, grade, gear, speed, shifts):
     changes = {"start.vehicle_speed": np.sign(gear) * speed, "solver.maximum_substep": 1e-4}

@@ -17,7 +17,7 @@ def _moved(sizes: Values, values: Values) -> dict[str, float]:
     ratio = values[FIFTH_GEAR]
     moved = max(-values["transmission.half_gap"] / ratio, min(moved, values["final_drive.half_gap"]))
     return {"final_drive.half_gap": values["final_drive.half_gap"] - moved,
-            "transmission.half_gap": max(0.0, values["transmission.half_gap"] + moved * ratio)}  # all of it, rounded
+            "transmission.half_gap": max(0.0, values["transmission.half_gap"] + moved * ratio)}  # rounding may go below
 
 
 def _moved_already(values: Values) -> float:
