@@ -116,7 +116,8 @@ def _parser() -> argparse.ArgumentParser:
                       help="of the hidden plant (default: other for a third of all seeds)")
     hide.add_argument("--drift", choices=("nuisance", "all", "none"), default="nuisance",
                       help="which other parameters are off by 3 to 5 percent (default: those no effect names)")
-    hide.add_argument("--manoeuvres", metavar="KIND:GEAR,...", help="the recordings (default: six usual ones)")
+    hide.add_argument("--manoeuvres", metavar="KIND:GEAR,...",
+                      help="the recordings, tip_in:5:back with the road driven the other way (default: six usual ones)")
     hide.add_argument("--truth", type=Path, metavar="FILE",
                       help="where what is hidden is written, outside DIR (default: DIR.truth.json)")
     command("demo", _demo, "the main job in about a minute, on what the package ships", "out/demo")
@@ -301,7 +302,8 @@ def _summary(finding: dict[str, Any]) -> list[str]:
     lines += [f"  cannot be told from {', '.join(rival['effects'])} ({rival['separation_sigma']:.1f} sigma)"
               for rival in finding["ambiguous_with"]]
     if proposed := finding["next_manoeuvre"]:
-        lines.append(f"  drive next: {proposed['kind']} in gear {proposed['gear']}: {proposed['why']}")
+        way = ", the other way" * proposed["back"]
+        lines.append(f"  drive next: {proposed['kind']} in gear {proposed['gear']}{way}: {proposed['why']}")
     if finding["gain"]:
         lines += [f"  {row['signal']}: error {100 * row['nrmse_before']:.2f} % before, "
                   f"{100 * row['nrmse_after']:.2f} % after, of the range" for row in finding["gain"]["held_out"]]

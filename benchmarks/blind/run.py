@@ -24,7 +24,7 @@ from benchmarks.blind.cases import BlindCase
 from benchmarks.blind.score import CATALOGUED, found_sizes, named
 from cosim.diagnosis.catalogue import CATALOGUE, apply_all
 from cosim.diagnosis.hidden import Hidden, hide
-from cosim.diagnosis.hidden.recordings import KINDS, USUAL
+from cosim.diagnosis.hidden.recordings import BACK, KINDS, USUAL
 from cosim.diagnosis.plants import FullOrderCar
 from cosim.files import write_text
 from cosim.studies.sweep import Case, Sweep
@@ -202,7 +202,7 @@ def _again(case: BlindCase, proposed: Mapping[str, Any] | None, method: str) -> 
     """The same truth once more, with the manoeuvre that was proposed beside the others."""
     if proposed is None:
         return {"manoeuvre": None, "finding": None, "error": "no manoeuvre was proposed"}
-    entry = f"{proposed['kind']}:{proposed['gear']}"
+    entry = f"{proposed['kind']}:{proposed['gear']}" + f":{BACK}" * bool(proposed.get("back"))
     if proposed["kind"] not in KINDS:
         return {"manoeuvre": entry, "finding": None, "error": f"{proposed['kind']} is none of {', '.join(KINDS)}"}
     usual = case.manoeuvres or [f"{kind}:{gear}" for kind, gear in USUAL]

@@ -113,12 +113,15 @@ def diagnose(path: Path, out: Path | None = None, *, workers: int | None = None,
 
 
 def _reserve(runs: list[Run]) -> tuple[list[Run], list[Run]]:
-    """One run for the gain where there are three or more: a repeat if there is one, or else the last."""
+    """One run for the gain where there are three or more: one that is repeated, or else the last but one.
+
+    Never the last, which may have been driven because a diagnosis asked for it.
+    """
     if len(runs) < 3:
         return runs, []
-    kinds = [(run.kind, run.gear) for run in runs]
-    repeats = [i for i, kind in enumerate(kinds) if kind in kinds[:i]]
-    chosen = repeats[-1] if repeats else len(runs) - 1
+    kinds = [(run.kind, run.gear, run.back) for run in runs]
+    repeated = [i for i, kind in enumerate(kinds) if kind in kinds[i + 1:]]
+    chosen = repeated[-1] if repeated else len(runs) - 2
     return [run for i, run in enumerate(runs) if i != chosen], [runs[chosen]]
 
 
@@ -328,7 +331,7 @@ def _propose(diagnosis: Diagnosis, search: Search, found: Identification) -> Non
     best = proposal.propose(search.fitter, found, rivals)
     if best is not None:
         diagnosis.finding["next_manoeuvre"] = {
-            "kind": best.kind, "gear": best.gear, "separation_sigma": best.separation_sigma,
+            "kind": best.kind, "gear": best.gear, "back": best.back, "separation_sigma": best.separation_sigma,
             "why": proposal.words(best, found.best)}
 
 

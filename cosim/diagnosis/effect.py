@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 from driveline.quantities import InputError
 
 Values = Mapping[str, float]
+SLOPE = "input.road_grade.offset"  # of the road as it is driven out; on the way back it has the other sign
 
 
 @dataclass(frozen=True)

@@ -125,8 +125,5 @@ def with_inputs(run: Run, values: Mapping[str, float]) -> Run:
     """The run with its inputs as they really were, as far as ``values`` know."""
     from driveline.plants.full_order import FullOrderPlant
 
-    inputs = run.inputs.copy()
-    for i, variable in enumerate(FullOrderPlant.inputs):
-        inputs[:, i] = (inputs[:, i] * values.get(f"input.{variable.name}.gain", 1.0)
-                        + values.get(f"input.{variable.name}.offset", 0.0))
-    return replace(run, inputs=inputs)
+    columns = {variable.name: i for i, variable in enumerate(FullOrderPlant.inputs)}
+    return replace(run, inputs=run.driven_by(values, columns))

@@ -51,7 +51,8 @@ class Identification:
     """What the search found.
 
     Attributes:
-        best: The most probable supposition; no causes where nothing is wrong.
+        best: The most probable supposition; no causes where nothing is wrong. Of those that do the same the best, where
+            they are together more probable than any other.
         alternatives: All suppositions that were fitted, ``best`` first, then by evidence.
         healthy: The supposition without causes.
         noise: Under which they were compared.
@@ -68,12 +69,21 @@ class Identification:
 
     def shares(self) -> np.ndarray:
         """Of the suppositions in the evidence of all, which add up to 1."""
-        weights = np.exp((np.array([fit.score for fit in self.alternatives]) - self.best.score) / _TEMPER)
+        weights = np.exp([-self.lead(fit) / _TEMPER for fit in self.alternatives])
         return weights / weights.sum()
+
+    def lead(self, fit: Fit) -> float:
+        """Log evidence of the best over another supposition.
+
+        By what the fits reached, or by what their derivatives promise if that is less: a settled fit that falls short
+        of the promise is in a worse minimum, and so not refuted.
+        """
+        reached = self.best.score - fit.score
+        return min(reached, max(self.best.hope - fit.hope, 0.0)) if fit.near else reached
 
     def apart(self, fit: Fit, further: float = 0.0) -> float:
         """How far a supposition is from the best [sigma], with some log evidence more between them."""
-        return separation(self.best.score - fit.score + further)
+        return separation(self.lead(fit) + further)
 
 
 class Search:
@@ -200,13 +210,26 @@ class Search:
             elif not self.challenge(leader):
                 break
         self._put_instead()
-        leader, *others = self.worthy()
+        leader, *others = self._likeliest(self.worthy())
         shown = detectable(self.fitter.seen(self.file, self.noise), self.coordinates, -EFFECT)
         return Identification(leader, [leader, *others], self.pool[()], self.noise, self.alike, shown)
 
     def worthy(self) -> list[Fit]:
         """The suppositions whose causes are large enough to be some, the likeliest first."""
         return [fit for fit in self._ranked() if self.worth(fit)]
+
+    def _likeliest(self, fits: Sequence[Fit]) -> list[Fit]:
+        """First the best of those that do the same, where they are together the likeliest; then the others as before.
+
+        Three causes that do the same are three chances that one of them is there.
+        """
+        same = {cause: group[0] for group in self.alike for cause in group}
+        kinds = [_key(same.get(cause, cause) for cause in fit.causes) for fit in fits]
+        together: dict[tuple[str, ...], float] = {}
+        for kind, fit in zip(kinds, fits):
+            together[kind] = together.get(kind, 0.0) + float(np.exp((fit.score - fits[0].score) / _TEMPER))
+        first = kinds.index(max(together, key=lambda kind: together[kind]))
+        return [fits[first], *fits[:first], *fits[first + 1:]]
 
     def _ranked(self) -> list[Fit]:
         return sorted(self.pool.values(), key=lambda fit: -fit.score)
@@ -363,14 +386,15 @@ class Search:
         return [cause for [cause] in further][:_FURTHER_SCANNED]
 
     def _stuck(self, leader: Fit, promising: Mapping[tuple[str, ...], float]) -> list[tuple[str, ...]]:
-        """Settled rivals that fall short of what the leader's derivatives promise, each once for a leader.
+        """Settled rivals that fall short of what the leader's derivatives or their own promise, each once for a leader.
 
         They are in another minimum than the leader: lashes are crossed at other moments.
         """
         if leader is not self.challenged:
             self.challenged, self.tried = leader, set()
-        stuck = [s for s, lead in promising.items() if s in self.pool and self.pool[s].near
-                 and lead > -_RIVAL and leader.score + lead > self.pool[s].score + _SHORT and s not in self.tried]
+        near = {s: self.pool[s] for s in promising if s in self.pool and self.pool[s].near and s not in self.tried}
+        leads = {s: max(promising[s], fit.hope - leader.hope) for s, fit in near.items()}
+        stuck = [s for s, lead in leads.items() if lead > -_RIVAL and leader.score + lead > near[s].score + _SHORT]
         self.tried.update(stuck[:_RIVALS])
         return stuck[:_RIVALS]
 

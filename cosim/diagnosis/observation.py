@@ -24,6 +24,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.signal import sosfilt
 
+from cosim.diagnosis.effect import SLOPE
 from driveline.quantities import InputError, from_values
 from driveline.sensors.torque_meter import TorqueMeter, filter_sections, steady_state
 
@@ -35,7 +36,7 @@ CHANNELS = ("engine_speed", "turbine_speed", "transmission_output_speed", "wheel
             "propeller_shaft_torque", "seat_acceleration", "differential_acceleration")
 BENCH_CHANNELS = ("motor_speed", "motor_position", "inline_torque", "position")
 # No error anywhere, of inputs and sensors; what a plant's own parameters do not hold.
-DEFAULTS = {"input.road_grade.offset": 0.0} | {
+DEFAULTS = {SLOPE: 0.0} | {
     f"{PREFIX}{channel}.{name}": value for channel in CHANNELS + BENCH_CHANNELS for name, value in NEUTRAL.items()}
 METERED = "propeller_shaft_torque"
 # Below this period [s] of its edge the filter cannot be made at 1 kHz; from there to 0 it fades out.

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cosim.diagnosis.catalogue import CATALOGUE
+from cosim.diagnosis.effect import SLOPE
 from cosim.diagnosis.evidence import Evidence, Slopes, prior
 from cosim.diagnosis.fitting import Fit, Fitter, as_found
 from cosim.diagnosis.identify import APART, Identification
@@ -38,6 +39,7 @@ class Proposal:
 
     Attributes:
         kind, gear, torque, speed: What to drive; the highest torque [N.m], speed at the start [m/s].
+        back: Whether on the same road the other way, where its slope has the other sign.
         separation_sigma: From the rival that is nearest then, judged as the recordings are, with those there are.
         nearest: That rival.
     """
@@ -46,6 +48,7 @@ class Proposal:
     gear: int
     torque: float
     speed: float
+    back: bool
     separation_sigma: float
     nearest: Fit
 
@@ -68,6 +71,7 @@ def propose(fitter: Fitter, found: Identification, rivals: Sequence[Fit]) -> Pro
     predictor = fitter.predictor
     evidence = fitter.judged(one, noise)
     shared = fitter.layout.shared
+    ways = _ways(predictor, (one, *rivals), shared)
     best, rank = None, ()
     for kind, (torque, corners) in _PROFILES.items():
         for gear in _GEARS:
@@ -79,13 +83,27 @@ def propose(fitter: Fitter, found: Identification, rivals: Sequence[Fit]) -> Pro
                 square = information(predictor, noise, run, one)[np.ix_(shared, shared)]
             except (ArithmeticError, InputError):
                 continue
-            after = evidence.expecting(square, one.shared[shared])
-            then = [found.apart(fit, _lead(after, one, fit) - _lead(evidence, one, fit)) for fit in rivals]
-            nearest = int(np.argmin(then))
-            if best is None or (sum(x > APART for x in then), then[nearest]) > rank:
-                rank = sum(x > APART for x in then), then[nearest]
-                best = Proposal(kind, gear, torque, speed, then[nearest], rivals[nearest])
+            for back, signs in ways.items():
+                after = evidence.expecting(signs[:, None] * square * signs, one.shared[shared])
+                then = [found.apart(fit, _lead(after, one, fit) - _lead(evidence, one, fit)) for fit in rivals]
+                nearest = int(np.argmin(then))
+                if best is None or (sum(x > APART for x in then), then[nearest]) > rank:
+                    rank = sum(x > APART for x in then), then[nearest]
+                    best = Proposal(kind, gear, torque, speed, back, then[nearest], rivals[nearest])
     return best
+
+
+def _ways(predictor: Predictor, fits: Sequence[Fit], shared: np.ndarray) -> dict[bool, np.ndarray]:
+    """Whether to drive the other way, and the signs that shared coordinates have then: a slope has the other one.
+
+    Only where a slope is among what is compared, and is not an offset of its sensor.
+    """
+    ways = {False: np.ones(shared.size)}
+    slopes = {i: c.cause for i, c in enumerate(predictor.coordinates) if c.parameter and SLOPE in c.parameter.targets}
+    recorded = any(run.inputs[:, predictor.car.columns["road_grade"]].any() for run in predictor.runs)
+    if not recorded and any(cause in fit.causes for cause in slopes.values() for fit in fits):
+        ways[True] = np.where(np.isin(shared, list(slopes)), -1.0, 1.0)
+    return ways
 
 
 def _lead(evidence: Evidence, one: Fit, other: Fit) -> float:
@@ -150,7 +168,8 @@ def words(proposal: Proposal, one: Fit) -> str:
     def name(effects: Sequence[str]) -> str:
         return " with ".join(CATALOGUE[e].name.replace("_", " ") for e in effects) or "nothing wrong"
 
-    found = (f"to {proposal.torque:.0f} N.m from {3.6 * proposal.speed:.0f} km/h: {name(one.effects)} and "
+    way = ", on the same road the other way (back = true)" * proposal.back
+    found = (f"to {proposal.torque:.0f} N.m from {3.6 * proposal.speed:.0f} km/h{way}: {name(one.effects)} and "
              f"{name(proposal.nearest.effects)} then differ by {proposal.separation_sigma:.1f} sigma")
     enough = proposal.separation_sigma > APART
     return found if enough else found + ", too little to tell them apart, and nothing that was tried does more"

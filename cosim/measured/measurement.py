@@ -30,7 +30,7 @@ KINDS = ("tip_in", "tip_out", "ramp", "step", "pulse_train", "coast_down", "crui
          "bench")
 _KEYS = {
     "measurement": ("vehicle", "variant", "manoeuvre", "channels", "note"),
-    "manoeuvre": ("file", "kind", "gear", "name", "channels", "note", "start", "stop"),
+    "manoeuvre": ("file", "kind", "gear", "back", "name", "channels", "note", "start", "stop"),
     "channel": ("column", "unit", "time", "factor"),
 }
 _CLOCK_RESTARTED = 1.0  # s: a jump back by more is not jitter of a logger
@@ -82,6 +82,7 @@ class Manoeuvre:
         kind: One of ``KINDS``; empty where it is not said.
         gear: The gear throughout, or None.
         channels: By canonical name.
+        back: Whether the road was driven the other way than in the other recordings.
         provenance: File and its SHA-256.
         notices: What the reader had to repair or leave out.
     """
@@ -90,6 +91,7 @@ class Manoeuvre:
     kind: str
     gear: int | None
     channels: Mapping[str, Channel]
+    back: bool = False
     provenance: Mapping[str, Any] = field(default_factory=dict)
     notices: tuple[str, ...] = ()
 
@@ -198,11 +200,13 @@ def _manoeuvre(described: Mapping[str, Any], common: Mapping[str, Any], where: s
     if not isinstance(file, str):
         raise InputError(f"{where}: every [[manoeuvre]] needs file = \"...\"")
     where = f"{where}, {file}"
-    kind, gear = described.get("kind", ""), described.get("gear")
+    kind, gear, back = described.get("kind", ""), described.get("gear"), described.get("back", False)
     if kind and kind not in KINDS:
         raise InputError(f"{where}: kind is {kind!r}{did_you_mean(str(kind), KINDS, 20)}")
     if gear is not None and (isinstance(gear, bool) or not isinstance(gear, int)):
         raise InputError(f"{where}: gear is {gear!r}: a whole number is needed")
+    if not isinstance(back, bool):
+        raise InputError(f"{where}: back is {back!r}: true is needed where the road was driven the other way")
     table = read_table(folder / file)  # an absolute path stays as it is
     mapping = {**common, **_table(described.get("channels", {}), f"{where}: channels")}
     if not mapping:
@@ -227,7 +231,7 @@ def _manoeuvre(described: Mapping[str, Any], common: Mapping[str, Any], where: s
         channels = {name: _within(channel, where, **span) for name, channel in channels.items()}
     digest = hashlib.sha256(table.path.read_bytes()).hexdigest()
     return Manoeuvre(
-        str(described.get("name", _stem(Path(file)))), str(kind), gear, channels,
+        str(described.get("name", _stem(Path(file)))), str(kind), gear, channels, back,
         {"file": table.path.name, "sha256": digest,
          "channels": {name: channel.source for name, channel in channels.items()}},
         tuple(f"{table.path.name}: {notice}" for notice in dict.fromkeys(notices)))

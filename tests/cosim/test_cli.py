@@ -142,8 +142,9 @@ FINDING = {"verdict": "cause", "wrong": [
      "p_value": 1e-9}], "causes": [{"effect": "shaft_stiffness", "probability": 0.93, "parameters": {
          "axle_shaft_stiffness": {"nominal": 10.0, "value": 7.5, "low90": 7.4, "high90": 7.6, "unit": "N.m/rad"}}}],
     "together": ["shaft_stiffness"], "ambiguous_with": [{"effects": ["engine_inertia"], "separation_sigma": 2.5}],
-    "next_manoeuvre": {"kind": "ramp", "gear": 4, "separation_sigma": 6.0, "why": "because"}, "unknown": None,
-    "extension": None, "gain": {"held_out": [{"signal": "wheel_speed", "nrmse_before": 0.35, "nrmse_after": 0.02}]}}
+    "next_manoeuvre": {"kind": "ramp", "gear": 4, "back": True, "separation_sigma": 6.0, "why": "because"},
+    "unknown": None, "extension": None,
+    "gain": {"held_out": [{"signal": "wheel_speed", "nrmse_before": 0.35, "nrmse_after": 0.02}]}}
 
 
 def test_causes_that_act_together_are_told_with_what_they_have_together():
@@ -153,6 +154,7 @@ def test_causes_that_act_together_are_told_with_what_they_have_together():
     lines = cli._summary({**FINDING, "causes": [first, second], "together": ["shaft_stiffness", "vehicle_mass"]})
     assert "90 % these together: shaft_stiffness, vehicle_mass" in "\n".join(lines)
     assert "together" not in "\n".join(cli._summary(FINDING))
+    assert "drive next: ramp in gear 4, the other way: because" in "\n".join(cli._summary(FINDING))
 
 
 @pytest.fixture

@@ -121,6 +121,7 @@ def test_keys_without_meaning_are_said(tmp_path, caplog):
     (TOML.replace("channels.engine_speed", "channels.engine_sped"), CSV, r"did you mean 'engine_speed'"),
     (TOML.replace("tip_in", "tipin"), CSV, r"kind is 'tipin'; did you mean 'tip_in'"),
     (TOML.replace("gear = 5", "gear = 5.5"), CSV, r"gear is 5.5: a whole number"),
+    (TOML.replace("gear = 5", 'back = "yes"'), CSV, r"back is 'yes': true is needed"),
     (TOML.replace('file = "log.csv"', 'file = "gone.csv"'), CSV, r"there is no data file .*gone.csv"),
     (TOML.replace('file = "log.csv"', 'file = "measurement.toml"'), CSV, r"unknown kind of data file"),
     (TOML.replace('file = "log.csv"', ""), CSV, r"needs file"),

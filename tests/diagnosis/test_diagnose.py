@@ -1,9 +1,22 @@
 """What a diagnosis makes of what was found."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from cosim.diagnosis.diagnose import MISSING, is_missing
+from cosim.diagnosis.diagnose import MISSING, _reserve, is_missing
+
+
+@pytest.mark.parametrize(("kinds", "kept"), [
+    ("tip_in tip_out", None), ("tip_in tip_in ramp", 0), ("tip_in ramp tip_in", 0), ("tip_in tip_out ramp", 1),
+    ("tip_in tip_in_back ramp", 1), ("bench bench bench", 1)])
+def test_one_of_three_recordings_is_kept_back_never_the_last(kinds, kept):
+    runs = [SimpleNamespace(name=i, kind=kind.removesuffix("_back"), gear=5, back=kind.endswith("_back"))
+            for i, kind in enumerate(kinds.split())]
+    used, reserved = _reserve(runs)
+    assert reserved == ([] if kept is None else [runs[kept]])
+    assert used == [run for run in runs if run not in reserved]
 
 
 @pytest.mark.parametrize(("told", "is_there"), [

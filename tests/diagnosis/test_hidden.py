@@ -262,3 +262,20 @@ def test_a_vehicle_file_of_ones_own_goes_with_the_measurement(tmp_path):
 def test_what_it_cannot_do_is_refused():
     with pytest.raises(InputError, match="gear 0"):
         simulate(nominal(), 0, 12.0, TIMES, TORQUE, 1.0)
+
+
+def test_a_road_that_climbs_falls_on_the_way_back(tmp_path):
+    speeds = {}
+    for slope, way in ((0.02, ""), (0.02, ":back"), (-0.02, "")):
+        folder = tmp_path / f"{slope}{way.strip(':')}"
+        hide([f"road_grade={slope}"], 3, folder, structure="same", manoeuvres=(f"cruise:5{way}",))
+        [manoeuvre] = load(folder).manoeuvres
+        assert manoeuvre.back == bool(way)
+        speeds[slope, way] = manoeuvre["vehicle_speed"].values
+    assert np.array_equal(speeds[0.02, ":back"], speeds[-0.02, ""])
+    assert speeds[0.02, ":back"][-1] > speeds[0.02, ""][-1] + 1.0
+
+
+def test_only_forward_or_back(tmp_path):
+    with pytest.raises(InputError, match="tip_in:5:up.*tip_in:5:back"):
+        hide([], 3, tmp_path / "m", manoeuvres=("tip_in:5:up",))

@@ -110,6 +110,49 @@ def test_causes_that_do_the_same_stand_side_by_side():
     assert abs(first.score - second.score) < 1.0
 
 
+def at(result, *fits):
+    """A result with other fits, the first of them the best."""
+    return replace(result, best=fits[0], alternatives=list(fits))
+
+
+def test_a_rival_in_a_worse_minimum_is_not_refuted():
+    """Its own derivatives promise what its fit did not reach; as long as they were taken where it is."""
+    _, result = found({"size": 0.3})
+    best = result.best
+    short = replace(best, causes=("curve",), score=best.score - 20.0, hope=best.hope + 5.0, near=True)
+    half = replace(short, hope=best.hope - 4.0)
+    stale, real = replace(short, near=False), replace(short, hope=best.hope - 18.0)
+    leads = [at(result, best, fit).lead(fit) for fit in (short, half, stale, real)]
+    assert leads == pytest.approx([0.0, 4.0, 20.0, 18.0])
+    assert at(result, best, short).shares() == pytest.approx([0.5, 0.5])
+    assert at(result, best, real).shares()[1] < 1e-3
+
+
+def test_causes_that_do_the_same_are_together_more_likely_than_each():
+    search, result = found({})
+    none = result.healthy
+    assert search.alike == [("slope", "tilt")]
+    close, other = (replace(none, causes=(cause,), score=none.score - 1.0) for cause in ("slope", "tilt"))
+    lonely = replace(none, causes=("size",), score=none.score - 1.0)
+    far = replace(other, score=none.score - 4.0)
+    assert search._likeliest([none, close, other])[0] is close
+    assert search._likeliest([none, close, lonely]) == [none, close, lonely]
+    assert search._likeliest([none, close, far])[0] is none
+
+
+def test_a_settled_fit_that_falls_short_of_its_own_promise_is_fitted_again():
+    search, result = found({"phase": 0.5})
+    fitter, noise = search.fitter, result.noise
+    leader = fitter.settle(replace(result.best, causes=("phase", "slope"), settled=False), noise)
+    promising = {("phase",): -5.0}
+    for score, hope, stuck in ((-5.0, -5.0, []), (-9.0, -9.0, [("phase",)]), (-9.0, 0.0, [("phase",)]),
+                               (-5.0, 0.0, [("phase",)]), (-300.0, -13.0, [("phase",)])):
+        rival = replace(result.best, causes=("phase",), score=leader.score + score, hope=leader.hope + hope, near=True)
+        search.pool, search.challenged = {leader.causes: leader, rival.causes: rival}, None
+        assert search._stuck(leader, promising) == stuck, (score, hope)
+        assert search._stuck(leader, promising) == []  # once for a leader
+
+
 def test_what_healthy_cars_differ_by_is_no_cause():
     assert found({"size": 0.5 * SMALLEST * DETECTION})[1].best.causes == ()
 

@@ -15,7 +15,7 @@ from cosim.diagnosis.plants import STEP, FullOrderCar, Nuisance
 from cosim.diagnosis.plants.car import CHANNELS, PLACES, led_by
 from cosim.diagnosis.plants.hats import EVERY, MEMORY, comb, fast, hats, row, teeth
 from cosim.diagnosis.predict import WANDERS, Predictor, coordinates
-from cosim.measured import load
+from cosim.measured import Channel, load
 from driveline.plants.full_order import FullOrderPlant
 
 FLOORS = {"engine_speed": 0.06, "turbine_speed": 0.06, "transmission_output_speed": 0.06, "wheel_speed": 0.012,
@@ -24,10 +24,14 @@ FLOORS = {"engine_speed": 0.06, "turbine_speed": 0.06, "transmission_output_spee
 
 
 @pytest.fixture(scope="module")
-def car_and_run(tmp_path_factory):
+def measurement(tmp_path_factory):
     folder = tmp_path_factory.mktemp("led") / "m"
     hide([], 2, folder, structure="same", drift="none", manoeuvres=["tip_in:5"])
-    measurement = load(folder)
+    return load(folder)
+
+
+@pytest.fixture(scope="module")
+def car_and_run(measurement):
     car = FullOrderCar(measurement.vehicle, measurement.variant)
     return car, car.runs(measurement)[0]
 
@@ -50,6 +54,25 @@ def test_without_anchors_it_is_the_full_order_plant(car_and_run):
     assert set(free) == {*CHANNELS, "axle_shaft_torque", "differential_speed"}
     for name in set(free) & set(itself) - {"differential_acceleration"}:
         assert np.array_equal(free[name], itself[name]), name
+
+
+def test_a_slope_that_nobody_recorded_falls_on_the_way_back(car_and_run):
+    car, run = car_and_run
+    column = car.columns["road_grade"]
+    slope = {**car.values, "input.road_grade.offset": 0.01}
+    grades = [replace(run, back=back).driven_by(slope, car.columns)[:, column] for back in (False, True)]
+    assert np.all(grades[0] == 0.01) and np.all(grades[1] == -0.01)
+    assert np.array_equal(car.predict(slope, replace(run, back=True)),
+                          car.predict({**slope, "input.road_grade.offset": -0.01}, run))
+
+
+def test_a_slope_sensor_that_is_not_level_shows_the_same_offset_on_the_way_back(measurement, car_and_run):
+    car, run = car_and_run
+    [manoeuvre] = measurement.manoeuvres
+    level = Channel("road_grade", "rad", np.array([manoeuvre.start, manoeuvre.stop]), np.zeros(2), "made")
+    recorded = replace(manoeuvre, back=True, channels={**manoeuvre.channels, "road_grade": level})
+    runs = [car.runs(replace(measurement, manoeuvres=(one,))) for one in (replace(manoeuvre, back=True), recorded)]
+    assert [one.back for [one] in runs] == [True, False]
 
 
 def test_an_accelerometer_shows_the_mean_and_misses_no_impact(car_and_run):

@@ -14,17 +14,21 @@ from cosim.diagnosis.predict import Predictor, coordinates
 from cosim.measured import load
 
 
-@pytest.fixture(scope="module")
-def healthy(tmp_path_factory):
-    """A healthy car's tip-in: the fitter, the vehicle file as it is, and the noise."""
-    folder = tmp_path_factory.mktemp("proposal") / "m"
-    hide([], 2, folder, structure="same", drift="none", manoeuvres=["tip_in:5"])
+def tip_in(folder, *effects):
+    """A tip-in: the fitter, the vehicle file as it is, and the noise."""
+    hide(effects, 2, folder, structure="same", drift="none", manoeuvres=["tip_in:5"])
     measurement = load(folder)
     car = FullOrderCar(measurement.vehicle, measurement.variant)
     runs = car.runs(measurement)
     fitter = Fitter(Predictor(car, runs, coordinates(car, runs)))
     fit = fitter.nominal()
     return fitter, fit, fitter.noise(fit)
+
+
+@pytest.fixture(scope="module")
+def healthy(tmp_path_factory):
+    """Of a healthy car."""
+    return tip_in(tmp_path_factory.mktemp("proposal") / "m")
 
 
 def supposed(healthy, cause, value):
@@ -71,9 +75,21 @@ def test_what_does_the_same_is_not_told_apart_and_that_is_said(healthy, monkeypa
     """On a road without turns nothing tells a slope from rolling resistance."""
     rolling, grade, mass = (supposed(healthy, cause, x) for cause, x in
                             (("rolling_resistance", 0.5), ("road_grade", 0.008), ("vehicle_mass", 0.1)))
+    monkeypatch.setattr(proposal, "_ways", lambda predictor, fits, shared: {False: np.ones(shared.size)})
     found = propose(healthy, rolling, [grade], monkeypatch)
     assert found.separation_sigma < APART and "too little" in proposal.words(found, rolling)
     assert propose(healthy, rolling, [mass], monkeypatch).separation_sigma > APART
+
+
+def test_what_a_slope_does_is_told_apart_on_the_way_back(tmp_path, monkeypatch):
+    """There it pushes the other way, and what resists does not."""
+    fitter, fit, noise = tip_in(tmp_path / "m", "rolling_resistance=1.6")
+    rolling, grade = (fitter.settle(fitter.assess(replace(fit, causes=(cause,)), noise), noise)
+                      for cause in ("rolling_resistance", "road_grade"))
+    for one, rival in ((rolling, grade), (grade, rolling)):
+        found = propose((fitter, fit, noise), one, [rival], monkeypatch)
+        assert found.back and found.separation_sigma > APART
+        assert "the other way" in proposal.words(found, one)
 
 
 def test_the_best_candidate_is_proposed_with_words(healthy, monkeypatch):

@@ -125,7 +125,7 @@ def diagnosis(base, verdict):
             "wheel_speed_delay": {"nominal": 0.0, "value": 0.031, "low90": 0.02, "high90": 0.9, "unit": "s"}}})
         finding["ambiguous_with"] = [{"effects": ["wheel_speed_delay"], "separation_sigma": 0.6},
                                      {"effects": ["engine_inertia", "vehicle_mass"], "separation_sigma": 2.4}]
-        finding["next_manoeuvre"] = {"kind": "tip_in", "gear": 3, "separation_sigma": 6.1,
+        finding["next_manoeuvre"] = {"kind": "tip_in", "gear": 3, "back": False, "separation_sigma": 6.1,
                                      "why": "in a lower gear shafts and sensor differ by more"}
     if verdict == "unknown":
         time = np.arange(0.0, 7.0, 0.01)

@@ -17,7 +17,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,7 @@ import numpy as np
 
 from cosim import units
 from cosim.diagnosis.catalogue import CATALOGUE, apply, effect
-from cosim.diagnosis.effect import Effect, EffectParameter
+from cosim.diagnosis.effect import SLOPE, Effect, EffectParameter
 from cosim.diagnosis.hidden.model import PRE_ROLL, simulate
 from cosim.diagnosis.hidden.outside import OUTSIDE, PREFIX
 from cosim.diagnosis.hidden.recordings import USUAL, Drive, asked, driven, logged, write
@@ -101,7 +101,8 @@ def hide(effects: Sequence[str], seed: int, out: Path, *, vehicle: str = VEHICLE
         out: The folder; made if need be, and only written when all is simulated.
         structure: ``same`` or ``other``; None: other for every third seed.
         drift: ``nuisance``, ``all`` or ``none``, see the module.
-        manoeuvres: ``KIND`` or ``KIND:GEAR``; None: six usual ones.
+        manoeuvres: ``KIND``, ``KIND:GEAR`` or, with the road driven the other way, ``KIND:GEAR:back``; None: six
+            usual ones.
         truth: Where the truth goes as JSON, outside ``out``; None: nowhere.
 
     Raises:
@@ -154,9 +155,10 @@ def hide(effects: Sequence[str], seed: int, out: Path, *, vehicle: str = VEHICLE
     channels = []
     for number, drive in enumerate(drives):
         own = _recording(drive, values, np.random.default_rng([seed, 8, number]))
-        channels.append(_recorded(drive, {**values, **own.pop("values")}, own, structure,
+        slope = {SLOPE: -values[SLOPE]} if drive.back and SLOPE in values else {}
+        channels.append(_recorded(drive, {**values, **slope, **own.pop("values")}, own, structure,
                                   np.random.default_rng([seed, 9, number])))
-        hidden.recordings.append({"kind": drive.kind, "gear": drive.gear, **own})
+        hidden.recordings.append({"kind": drive.kind, "gear": drive.gear, "back": drive.back, **own})
         if progress is not None:
             progress((number + 1) / len(drives))
     write(out, vehicle, variant, drives, channels)
@@ -316,7 +318,7 @@ def _drives(manoeuvres: Sequence[str] | None, nominal: Mapping[str, float],
             random: np.random.Generator) -> list[Drive]:
     top = highest_gear(nominal)
     usual = [f"{kind}:{min(gear, top)}" for kind, gear in USUAL]
-    return [driven(kind, gear, random) for kind, gear in asked(manoeuvres or usual, top)]
+    return [replace(driven(kind, gear, random), back=back) for kind, gear, back in asked(manoeuvres or usual, top)]
 
 
 def _recording(drive: Drive, values: Mapping[str, float], random: np.random.Generator) -> dict[str, Any]:

@@ -28,6 +28,7 @@ class Drive:
         engine_speed: At the start [rad/s], roughly.
         times, torque: Requested torque [N.m], linear between the instants [s].
         duration: [s].
+        back: Whether the road is driven the other way than in the other recordings.
     """
 
     kind: str
@@ -36,15 +37,17 @@ class Drive:
     times: np.ndarray
     torque: np.ndarray
     duration: float = 7.0
+    back: bool = False
 
 
+BACK = "back"
 # kinds and gears of a measurement when nothing else is asked for; the first two repeat each other
 USUAL = (("tip_in", 5), ("tip_in", 5), ("tip_out", 5), ("pulse_train", 4), ("ramp", 6), ("coast_down", 7))
 KINDS = ("tip_in", "tip_out", "ramp", "step", "pulse_train", "coast_down", "cruise", "sweep")
 
 
-def asked(entries: Iterable[str], top: int) -> list[tuple[str, int]]:
-    """Manoeuvres and gears of entries like ``tip_in:4``, or ``tip_in`` for the fifth gear.
+def asked(entries: Iterable[str], top: int) -> list[tuple[str, int, bool]]:
+    """Manoeuvres, gears and ways of entries like ``tip_in:4``, ``tip_in`` for the fifth gear, ``tip_in:4:back``.
 
     Args:
         entries: What was asked for.
@@ -55,14 +58,15 @@ def asked(entries: Iterable[str], top: int) -> list[tuple[str, int]]:
     """
     found = []
     for entry in entries:
-        kind, _, gear = entry.partition(":")
+        kind, gear, way = (*entry.split(":", 2), "", "")[:3]
         if kind not in KINDS:
             raise InputError(f"manoeuvre {entry}{did_you_mean(kind, KINDS, 20)}")
-        if gear and not gear.isdigit():
-            raise InputError(f"manoeuvre {entry}: KIND:GEAR is needed, such as tip_in:5")
+        if (gear and not gear.isdigit()) or way not in ("", BACK):
+            raise InputError(f"manoeuvre {entry}: KIND:GEAR is needed, such as tip_in:5, or tip_in:5:{BACK} for the "
+                             "same road driven the other way")
         if not 1 <= int(gear or 5) <= top:
             raise InputError(f"manoeuvre {entry}: the vehicle has gears 1 to {top}")
-        found.append((kind, int(gear or 5)))
+        found.append((kind, int(gear or 5), way == BACK))
     return found
 
 
@@ -193,9 +197,10 @@ def write(folder: Path, vehicle: str, variant: str | None, drives: list[Drive],
     toml = ["# Generated, not measured.", f'vehicle = "{vehicle}"']
     toml += [f'variant = "{variant}"'] if variant else []
     for number, (drive, columns) in enumerate(zip(drives, channels), start=1):
-        file = f"{number:02d}_{drive.kind}_{drive.gear}.csv"
+        file = f"{number:02d}_{drive.kind}_{drive.gear}{'_back' * drive.back}.csv"
         write_text(folder / file, _csv(columns))
         toml += ["", "[[manoeuvre]]", f'file = "{file}"', f'kind = "{drive.kind}"', f"gear = {drive.gear}"]
+        toml += ["back = true"] if drive.back else []
     toml += ["", "[channels.time]", 'column = "Time"', 'unit = "s"']
     for name, logger in LOGGERS.items():
         toml += ["", f"[channels.{name}]", f'column = "{logger.column}"', f'unit = "{logger.unit}"']

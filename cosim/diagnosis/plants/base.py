@@ -98,10 +98,7 @@ class InstrumentedPlant:
         plant = self._plant
         for name in self._parameters:
             plant.values[plant.index[name]] = values[name]
-        inputs, columns = run.inputs.copy(), self.columns
-        for name, i in columns.items():
-            inputs[:, i] = (inputs[:, i] * values.get(f"input.{name}.gain", 1.0)
-                            + values.get(f"input.{name}.offset", 0.0))
+        inputs, columns = run.driven_by(values, self.columns), self.columns
         inputs[:, columns[self.driver]] += nuisance.torque + torque
         if nuisance.wander:
             inputs[:, columns[self.driver]] += row(run, np.array(nuisance.wander))

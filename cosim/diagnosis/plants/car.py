@@ -223,8 +223,9 @@ class FullOrderCar(InstrumentedPlant):
         if gear < 1 or not speed > 1.0:
             return None
         clocks, measured = compared(manoeuvre, present, start + SETTLE, start + STEP * (len(inputs) - 1))
-        return Run(name, manoeuvre.kind, gear, start, inputs, speed, clocks, measured,
-                   _anchors(manoeuvre))
+        # a sensor that is not level shows the same offset either way
+        back = manoeuvre.back and "road_grade" not in manoeuvre
+        return Run(name, manoeuvre.kind, gear, start, inputs, speed, clocks, measured, back, _anchors(manoeuvre))
 
     def _overall(self, gear: int) -> float:
         return self.values["final_drive.ratio"] * self.values[f"transmission.ratio[{gear + 2}]"]

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from cosim.diagnosis.effect import SLOPE
+
 STEP = 1e-3  # communication step of the simulations [s]
 
 
@@ -44,6 +46,7 @@ class Run:
         start_speed: Vehicle speed at the start as far as it was measured [m/s].
         clocks: Instants [s] at which each channel is compared.
         measured: Values of each channel at these.
+        back: Whether the road was driven the other way than in the others, and its slope not recorded.
         anchors: Channels the simulation is led along, with what they are between their samples: a straight line cuts
             the peaks off, which acts as a damper. None: it runs freely.
     """
@@ -56,6 +59,7 @@ class Run:
     start_speed: float
     clocks: Mapping[str, np.ndarray]
     measured: Mapping[str, np.ndarray]
+    back: bool = False
     anchors: Mapping[str, CubicSpline] = field(default_factory=dict)
 
     @property
@@ -79,6 +83,20 @@ class Run:
     def stacked(self) -> np.ndarray:
         """All measured values, channel after channel."""
         return np.concatenate([self.measured[name] for name in self.clocks])
+
+    def driven_by(self, values: Mapping[str, float], columns: Mapping[str, int]) -> np.ndarray:
+        """The inputs as they really were, as far as ``values`` know of their errors.
+
+        Args:
+            values: Errors of inputs, ``input.NAME.gain`` and ``input.NAME.offset``, among others.
+            columns: Of the inputs.
+        """
+        inputs = self.inputs.copy()
+        for name, i in columns.items():
+            gain, offset = values.get(f"input.{name}.gain", 1.0), values.get(f"input.{name}.offset", 0.0)
+            way = -1.0 if self.back and f"input.{name}.offset" == SLOPE else 1.0
+            inputs[:, i] = gain * inputs[:, i] + way * offset
+        return inputs
 
     def stack(self, of: Mapping[str, float]) -> np.ndarray:
         """A number of each channel at each of its samples, as ``stacked``."""
