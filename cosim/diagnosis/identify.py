@@ -35,8 +35,11 @@ _SCANNED = 12  # probes that are fitted
 _PROMISING, _SWAPPED = 25.0, 400.0
 _FURTHER_SCANNED = 6  # further causes that are simulated at several sizes beside the leader's
 _BESIDE = 3  # further causes that are fitted from where the leader is as well
-_STARTED = 20  # suppositions that are simulated where the leader's tangents place them
-_SHORTLIST, _SHORTLIST_PLAIN = 6, 3  # of which are fitted; the latter as if no run were doubtful
+# Suppositions that are simulated where the leader's tangents place them, with a cause more and without; of which are
+# fitted, and as if no run were doubtful. Apart, as every cause that is not there gains its log prior, and one that
+# stands for the true one promises less than all of these.
+_STARTED = (20, 6)
+_SHORTLIST, _SHORTLIST_PLAIN = (6, 3), (3, 2)
 _RIVAL, _RIVALS = 12.0, 4  # log evidence below the leader at which a rival gets derivatives of its own; how many
 _SHORT = 3.0  # log evidence below what the leader's derivatives promise at which a settled rival is fitted again
 _UNEXPLAINED = 40.0  # of minus twice the log likelihood of a run: leaves half of what it says
@@ -357,7 +360,7 @@ class Search:
         return self.fitter.assess(self.fitter.refine(fit, noise, 3), self.noise)
 
     def _challengers(self, leader: Fit, probes: Sequence[Fit], noise: Noise,
-                     count: int) -> dict[tuple[str, ...], float]:
+                     counts: tuple[int, int]) -> dict[tuple[str, ...], float]:
         """Put into the pool what may explain more than the leader does under a noise; returns what was promised.
 
         Fitted with the derivatives of the leader, which say which these are.
@@ -367,12 +370,16 @@ class Search:
         promising = {s: lead for lead, s in self.candidates(leader, evidence)
                      if lead > -(_PROMISING if len(s) > len(leader.causes) else _SWAPPED)}
         fresh = [s for s in promising if not (s in self.pool and self.pool[s].near)]
-        starts = [self.fitter.assess(self.start(leader, s, evidence), noise) for s in fresh[:_STARTED]]
-        starts += [self.fitter.assess(probe, noise) for probe in self.probes(leader, self._added(leader, fresh), True)]
-        starts = sorted(_best_of_each(starts, 1), key=lambda fit: -max(fit.hope - own, promising[fit.causes]))[:count]
-        starts += self._probed(leader, probes, noise)
+        further = [s for s in fresh if len(s) > len(leader.causes)]
+        starts = self._probed(leader, probes, noise)
+        for sets, tried, count in zip((further, [s for s in fresh if s not in further]), _STARTED, counts):
+            tries = [self.start(leader, s, evidence) for s in sets[:tried]]
+            if sets is further:
+                tries += self.probes(leader, self._added(leader, further), everything=True)
+            tries = _best_of_each([self.fitter.assess(start, noise) for start in tries], 1)
+            starts += sorted(tries, key=lambda fit: -max(fit.hope - own, promising[fit.causes]))[:count]
         # where the derivatives place them all at once, single runs may be in worse minima than the leader's
-        starts += [_renamed(leader, s) for s in fresh if len(s) > len(leader.causes)][:_BESIDE]
+        starts += [_renamed(leader, s) for s in further[:_BESIDE]]
         stuck = self._stuck(leader, promising) if noise is self.noise else []
         self._enter([self._refined(start, noise) for start in starts])
         for causes in stuck:  # its score counts with derivatives of its own, as that of the one it may replace does
@@ -380,10 +387,9 @@ class Search:
             self._enter([self.fitter.settle(self._refined(start, noise), noise, everything=False)])
         return promising
 
-    def _added(self, leader: Fit, fresh: Sequence[tuple[str, ...]]) -> list[str]:
+    def _added(self, leader: Fit, further: Sequence[tuple[str, ...]]) -> list[str]:
         """The most promising further causes: where the derivatives place them the lash may be crossed otherwise."""
-        further = [set(s) - set(leader.causes) for s in fresh if len(s) > len(leader.causes)]
-        return [cause for [cause] in further][:_FURTHER_SCANNED]
+        return [cause for s in further[:_FURTHER_SCANNED] for cause in set(s) - set(leader.causes)]
 
     def _stuck(self, leader: Fit, promising: Mapping[tuple[str, ...], float]) -> list[tuple[str, ...]]:
         """Settled rivals that fall short of what the leader's derivatives or their own promise, each once for a leader.

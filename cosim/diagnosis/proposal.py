@@ -11,7 +11,7 @@ from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.effect import SLOPE
 from cosim.diagnosis.evidence import Evidence, Slopes, prior
 from cosim.diagnosis.fitting import Fit, Fitter, as_found
-from cosim.diagnosis.identify import APART, Identification
+from cosim.diagnosis.identify import APART, Identification, separation
 from cosim.diagnosis.noise import Noise
 from cosim.diagnosis.plants import SETTLE, STEP, FullOrderCar, Run
 from cosim.diagnosis.plants.car import led_by
@@ -35,13 +35,14 @@ _ENGINE_SPEED = 150.0  # rad/s at the start
 
 @dataclass(frozen=True)
 class Proposal:
-    """A manoeuvre and how far apart it puts a supposition and its rivals.
+    """A manoeuvre and how far apart it puts suppositions, whichever of them is true.
 
     Attributes:
         kind, gear, torque, speed: What to drive; the highest torque [N.m], speed at the start [m/s].
         back: Whether on the same road the other way, where its slope has the other sign.
-        separation_sigma: From the rival that is nearest then, judged as the recordings are, with those there are.
-        nearest: That rival.
+        separation_sigma: Of the two that are nearest then, judged as the recordings are, with those there are.
+        nearest: These: if the first is true, it is that far from the second.
+        told: Of so many, one is told from another.
     """
 
     kind: str
@@ -50,14 +51,16 @@ class Proposal:
     speed: float
     back: bool
     separation_sigma: float
-    nearest: Fit
+    nearest: tuple[Fit, Fit]
+    told: int
 
 
 def propose(fitter: Fitter, found: Identification, rivals: Sequence[Fit]) -> Proposal | None:
-    """The candidate after which a supposition stands out from most of its rivals, and best from the nearest of them.
+    """The candidate after which whichever is true stands out from most others, and best from the nearest of them.
 
-    Each is simulated as the supposition says, with derivatives by all that may differ, and judged as a recording is:
-    what healthy cars differ by, and other sizes of the rival's causes, imitate what they can.
+    Each is simulated as the likeliest says, with derivatives by all that may differ, and judged as a recording is that
+    shows what one or the other would do: what healthy cars differ by, and other sizes of the others' causes, imitate
+    what they can.
 
     Args:
         fitter: Of the recordings; their first has the channels that can be recorded.
@@ -71,7 +74,9 @@ def propose(fitter: Fitter, found: Identification, rivals: Sequence[Fit]) -> Pro
     predictor = fitter.predictor
     evidence = fitter.judged(one, noise)
     shared = fitter.layout.shared
-    ways = _ways(predictor, (one, *rivals), shared)
+    fits = (one, *rivals)
+    ways = _ways(predictor, fits, shared)
+    now = -np.array([found.lead(fit) for fit in fits]) - _log_evidence(evidence, fits)
     best, rank = None, ()
     for kind, (torque, corners) in _PROFILES.items():
         for gear in _GEARS:
@@ -84,12 +89,20 @@ def propose(fitter: Fitter, found: Identification, rivals: Sequence[Fit]) -> Pro
             except (ArithmeticError, InputError):
                 continue
             for back, signs in ways.items():
-                after = evidence.expecting(signs[:, None] * square * signs, one.shared[shared])
-                then = [found.apart(fit, _lead(after, one, fit) - _lead(evidence, one, fit)) for fit in rivals]
-                nearest = int(np.argmin(then))
-                if best is None or (sum(x > APART for x in then), then[nearest]) > rank:
-                    rank = sum(x > APART for x in then), then[nearest]
-                    best = Proposal(kind, gear, torque, speed, back, then[nearest], rivals[nearest])
+                told, nearest, pair = 0, np.inf, (one, one)
+                for k, true in enumerate(fits):
+                    if not true.causes:  # a cause that is not there goes away, but never stands out as wrong
+                        continue
+                    after = evidence.expecting(signs[:, None] * square * signs, true.shared[shared])
+                    then = now + _log_evidence(after, fits)
+                    for other, level in zip(fits, then):
+                        apart = separation(then[k] - level)
+                        told += apart > APART
+                        if other is not true and apart < nearest:
+                            nearest, pair = apart, (true, other)
+                if (told, nearest) > rank:
+                    rank = told, nearest
+                    best = Proposal(kind, gear, torque, speed, back, nearest, pair, told)
     return best
 
 
@@ -106,11 +119,9 @@ def _ways(predictor: Predictor, fits: Sequence[Fit], shared: np.ndarray) -> dict
     return ways
 
 
-def _lead(evidence: Evidence, one: Fit, other: Fit) -> float:
-    """Log evidence of a supposition over that of another."""
-    coordinates = evidence.layout.coordinates
-    return float(np.subtract(*(evidence.posterior(prior(coordinates, fit.causes)).log_evidence
-                               for fit in (one, other))))
+def _log_evidence(evidence: Evidence, fits: Sequence[Fit]) -> np.ndarray:
+    """Of each supposition."""
+    return np.array([evidence.posterior(prior(evidence.layout.coordinates, fit.causes)).log_evidence for fit in fits])
 
 
 def _start_speed(car: FullOrderCar, gear: int) -> float | None:
@@ -163,13 +174,14 @@ def _identity(coordinate: Coordinate) -> tuple[str, str, int | None]:
     return coordinate.effect, coordinate.name, coordinate.run
 
 
-def words(proposal: Proposal, one: Fit) -> str:
-    """How to drive it beyond kind and gear, and why it would tell a supposition from its rivals."""
+def words(proposal: Proposal) -> str:
+    """How to drive it beyond kind and gear, and why it would tell suppositions apart."""
     def name(effects: Sequence[str]) -> str:
         return " with ".join(CATALOGUE[e].name.replace("_", " ") for e in effects) or "nothing wrong"
 
     way = ", on the same road the other way (back = true)" * proposal.back
-    found = (f"to {proposal.torque:.0f} N.m from {3.6 * proposal.speed:.0f} km/h{way}: {name(one.effects)} and "
-             f"{name(proposal.nearest.effects)} then differ by {proposal.separation_sigma:.1f} sigma")
+    one, other = (name(fit.effects) for fit in proposal.nearest)
+    found = (f"to {proposal.torque:.0f} N.m from {3.6 * proposal.speed:.0f} km/h{way}: {one} and {other} then differ "
+             f"by {proposal.separation_sigma:.1f} sigma")
     enough = proposal.separation_sigma > APART
     return found if enough else found + ", too little to tell them apart, and nothing that was tried does more"
