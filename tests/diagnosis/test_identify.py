@@ -153,6 +153,18 @@ def test_a_settled_fit_that_falls_short_of_its_own_promise_is_fitted_again():
         assert search._stuck(leader, promising) == []  # once for a leader
 
 
+def test_swaps_are_fitted_however_many_causes_could_be_added():
+    """Each of those promises its log prior, and what stands in place of the true cause may promise less."""
+    search, result = found({"size": 0.4, "curve": 0.9})
+    leader = search.fitter.settle(result.best, result.noise)
+    search.pool = {(): result.healthy, leader.causes: leader}
+    promised = search._challengers(leader, [], result.noise, (1, 2))
+    swapped = [causes for causes in promised if len(causes) == len(leader.causes)]
+    added = [causes for causes in promised if len(causes) > len(leader.causes)]
+    assert min(promised[causes] for causes in added) > max(promised[causes] for causes in swapped)
+    assert any(causes in search.pool for causes in swapped)
+
+
 def test_what_healthy_cars_differ_by_is_no_cause():
     assert found({"size": 0.5 * SMALLEST * DETECTION})[1].best.causes == ()
 
