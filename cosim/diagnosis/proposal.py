@@ -77,7 +77,7 @@ def propose(fitter: Fitter, found: Identification, rivals: Sequence[Fit]) -> Pro
     fits = (one, *rivals)
     ways = _ways(predictor, fits, shared)
     now = -np.array([found.lead(fit) for fit in fits]) - _log_evidence(evidence, fits)
-    best, rank = None, ()
+    best: Proposal | None = None
     for kind, (torque, corners) in _PROFILES.items():
         for gear in _GEARS:
             speed = _start_speed(predictor.car, gear)
@@ -89,21 +89,31 @@ def propose(fitter: Fitter, found: Identification, rivals: Sequence[Fit]) -> Pro
             except (ArithmeticError, InputError):
                 continue
             for back, signs in ways.items():
-                told, nearest, pair = 0, np.inf, (one, one)
-                for k, true in enumerate(fits):
-                    if not true.causes:  # a cause that is not there goes away, but never stands out as wrong
-                        continue
-                    after = evidence.expecting(signs[:, None] * square * signs, true.shared[shared])
-                    then = now + _log_evidence(after, fits)
-                    for other, level in zip(fits, then):
-                        apart = separation(then[k] - level)
-                        told += apart > APART
-                        if other is not true and apart < nearest:
-                            nearest, pair = apart, (true, other)
-                if (told, nearest) > rank:
-                    rank = told, nearest
-                    best = Proposal(kind, gear, torque, speed, back, nearest, pair, told)
+                pairs = _apart(evidence, signs[:, None] * square * signs, shared, fits, now)
+                sigma, *nearest = min(pairs, key=lambda pair: pair[0])
+                told = sum(pair[0] > APART for pair in pairs)
+                if best is None or (told, sigma) > (best.told, best.separation_sigma):
+                    best = Proposal(kind, gear, torque, speed, back, sigma, tuple(nearest), told)
     return best
+
+
+def _apart(evidence: Evidence, square: np.ndarray, shared: np.ndarray, fits: Sequence[Fit],
+           now: np.ndarray) -> list[tuple[float, Fit, Fit]]:
+    """How far suppositions are from one that is true after a further recording [sigma], that one, and the other.
+
+    Args:
+        evidence: What the recordings say.
+        square: What the further one would say.
+        shared: Places of the shared coordinates.
+        fits: The suppositions.
+        now: Their scores, up to a constant, without their log evidence in ``evidence``.
+    """
+    pairs = []
+    for k, true in enumerate(fits):
+        if true.causes:  # a cause that is not there goes away, but never stands out as wrong
+            then = now + _log_evidence(evidence.expecting(square, true.shared[shared]), fits)
+            pairs += [(separation(then[k] - then[i]), true, other) for i, other in enumerate(fits) if i != k]
+    return pairs
 
 
 def _ways(predictor: Predictor, fits: Sequence[Fit], shared: np.ndarray) -> dict[bool, np.ndarray]:
