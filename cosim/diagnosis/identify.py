@@ -307,8 +307,8 @@ class Search:
     def _put_instead(self) -> None:
         """What does the same as a cause of the leader or of a rival, in its place: fitted from where it does.
 
-        By derivatives these recordings do not tell them apart. So what their scores differ by is how far each fit got,
-        and counts for neither.
+        By derivatives these recordings do not tell them apart. So what their scores and hopes differ by is how far each
+        fit got, and counts for neither.
         """
         leader, *others = self.worthy()
         layout = self.fitter.layout
@@ -323,6 +323,7 @@ class Search:
                     twin = self._refined(start, self.noise)
                     twin = self.fitter.settle(twin, self.noise, everything=False) if fit is leader else twin
                     twin.score = fit.score = max(twin.score, fit.score)
+                    twin.hope = fit.hope = max(twin.hope, fit.hope)
                     self.pool[causes] = twin
 
     def _swaps(self, fit: Fit) -> list[tuple[str, str]]:

@@ -203,6 +203,7 @@ def test_of_causes_that_do_the_same_one_is_looked_for_and_both_are_found():
     first, second = (next(fit for fit in result.alternatives if fit.causes == ("size", cause))
                      for cause in ("slope", "tilt"))
     assert result.best in (first, second) and first.near and second.near
+    assert (first.score, first.hope) == (second.score, second.hope) and first.hope >= first.score
     assert abs(first.score - second.score) < 1.0
 
 
