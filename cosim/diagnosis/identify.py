@@ -314,6 +314,7 @@ class Search:
         layout = self.fitter.layout
         rivals = [fit for fit in others if separation(leader.score - fit.score) < APART]
         for fit in (leader, *rivals):
+            same = [fit]
             for gone, other in self._swaps(fit):
                 change = instead(self.first, self.coordinates, fit.shared, gone, other)
                 there = [np.clip(x + change, layout.low, layout.high) for x in (fit.shared, *fit.points)]
@@ -322,9 +323,11 @@ class Search:
                 if start is not None:
                     twin = self._refined(start, self.noise)
                     twin = self.fitter.settle(twin, self.noise, everything=False) if fit is leader else twin
-                    twin.score = fit.score = max(twin.score, fit.score)
-                    twin.hope = fit.hope = max(twin.hope, fit.hope)
                     self.pool[causes] = twin
+                    same.append(twin)
+            score, hope = max(twin.score for twin in same), max(twin.hope for twin in same)
+            for twin in same:
+                twin.score, twin.hope = score, hope
 
     def _swaps(self, fit: Fit) -> list[tuple[str, str]]:
         return [(gone, other) for group in self.alike for gone in group if gone in fit.causes
