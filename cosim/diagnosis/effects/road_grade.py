@@ -1,7 +1,8 @@
 """The road climbs or falls by more than was recorded.
 
 A constant part of the weight along the road, in recordings where the grade was not measured or its
-sensor was not levelled. It accelerates the vehicle without any torque in the driveline.
+sensor was not levelled. It accelerates the vehicle without any torque in the driveline. Driven the
+other way, the same road slopes the other way.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Deformation of tyre and road: a force on the vehicle in proportion to its weight, almost independent of
 speed. Temperature, pressure and road surface change it by half. On one road it looks like a grade; only
-recordings on other slopes, or a slope that is known, tell them apart.
+recordings on other slopes, a slope that is known, or the same road driven the other way tell them apart.
 """
 
 from __future__ import annotations
