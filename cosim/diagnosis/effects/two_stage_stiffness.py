@@ -9,15 +9,16 @@ from __future__ import annotations
 
 from cosim.diagnosis.effect import Effect, factor, shift
 
+# probes: a deep soft stage, and one of two detection limits, which a search from the deep one does not reach
 EFFECT = Effect(
     acts_on="axle",
     joint=True,
     parameters=(
         factor("first_stage_stiffness", "axle_first_stage.stiffness_ratio", unit="1",
                meaning="stiffness of the first stage over the second",
-               spread=0.5, limits=(0.03, 1.5), detection=0.15, probes=(0.4,)),
+               spread=0.5, limits=(0.03, 1.5), detection=0.15, probes=(0.4, 0.75)),
         shift("first_stage_twist", "axle_first_stage.twist", unit="rad",
               meaning="twist of an axle shaft at which the first stage ends",
-              spread=0.015, limits=(0.0, 0.1), detection=0.004, probes=(0.015,)),
+              spread=0.015, limits=(0.0, 0.1), detection=0.004, probes=(0.015, 0.008)),
     ),
 )
