@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 os.environ.setdefault("MPLBACKEND", "Agg")  # pictures go to files: no window system is needed
 
@@ -32,6 +32,36 @@ def axis_label(name: str, unit: str) -> str:
     """``engine speed [rad/s]``; no unit where it is only a number."""
     words = name.replace("_", " ")
     return f"{words} [{unit}]" if unit not in ("", "1") else words
+
+
+Panel = TypeVar("Panel")
+
+
+def draw_sheet(path: Path, title: str, panels: Sequence[Panel], draw: Callable[[Axes, Panel], None], columns: int,
+               height: float) -> str:
+    """Panels side by side, row by row, as PNG; returns the file's name.
+
+    Args:
+        path: Where.
+        title: Above all of them.
+        panels: What is drawn.
+        draw: Draws one.
+        columns: Panels in a row.
+        height: Of a row [inches].
+    """
+    rows = -(-len(panels) // columns)
+    with rc_context(STYLE):
+        width = 4.9 * columns if columns > 1 else 7.0
+        figure = Figure(figsize=(width, height * rows + 0.4), layout="constrained")
+        axes = figure.subplots(rows, columns, squeeze=False).ravel()
+        for axis, panel in zip(axes, panels):
+            draw(axis, panel)
+        for axis in axes[len(panels):]:
+            axis.remove()
+        figure.suptitle(title)
+        with replacing(path) as temporary:
+            figure.savefig(temporary, format="png", metadata={"Software": None})
+    return path.name
 
 
 def plot_signals(result: Result, path: str | Path, names: Sequence[str] | None = None,

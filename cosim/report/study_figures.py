@@ -7,12 +7,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from matplotlib import rc_context
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
-from cosim.files import replacing
-from cosim.report.plots import MEASURED, RESIDUAL, SIMULATED, STYLE
+from cosim.report.plots import MEASURED, RESIDUAL, SIMULATED, draw_sheet
 
 THIRD, FOURTH = "#2ca02c", "#9467bd"
 COLORS = {"measured": MEASURED, "first": SIMULATED, "second": RESIDUAL, "third": THIRD, "fourth": FOURTH}
@@ -67,19 +64,7 @@ class Panel:
 
 def draw(path: Path, title: str, panels: Sequence[Panel], columns: int = 2) -> str:
     """Draw panels side by side, row by row; returns the file's name."""
-    rows = -(-len(panels) // columns)
-    with rc_context(STYLE):
-        width = 4.9 * columns if columns > 1 else 7.0
-        figure = Figure(figsize=(width, 2.75 * rows + 0.4), layout="constrained")
-        axes = figure.subplots(rows, columns, squeeze=False).ravel()
-        for axis, panel in zip(axes, panels):
-            _panel(axis, panel)
-        for axis in axes[len(panels):]:
-            axis.remove()
-        figure.suptitle(title)
-        with replacing(path) as temporary:
-            figure.savefig(temporary, format="png", metadata={"Software": None})
-    return path.name
+    return draw_sheet(path, title, panels, _panel, columns, height=2.75)
 
 
 def _panel(axis: Axes, panel: Panel) -> None:

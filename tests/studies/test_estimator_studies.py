@@ -16,6 +16,8 @@ from driveline.estimators import ESTIMATORS
 from driveline.quantities import InputError
 from driveline.sensors.can_signal import jitter_density
 
+pytestmark = pytest.mark.usefixtures("no_fmus")
+
 SHORT = Drive(ramps(RATE, count=2), stop=8.0, vehicle_speed=15.0)
 SHORTER = Drive(ramps(RATE, count=1), stop=2.5, vehicle_speed=15.0)
 PROFILES = {"steps": {"Step 1 (60 N.m)": size_estimator_robustness.PROFILES["steps"]["Step 1 (60 N.m)"]},
@@ -30,31 +32,6 @@ SMALL = {
                                   "validation": SHORTER, "workers": 1},
 }
 TAHOE = Path(__file__).parents[3] / "shared" / "measured" / "tahoe_6l80_drive.csv.gz"
-
-
-@pytest.fixture(scope="module", autouse=True)
-def no_fmus():
-    """In process only: studies must do without built FMUs, and say so."""
-    def nothing_built(name):
-        raise InputError("nothing is built")
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("cosim.studies.estimation.find_fmu", nothing_built)
-        yield
-
-
-@pytest.fixture(scope="module")
-def ran(tmp_path_factory):
-    """Runs a small case of a study once; its folder, result and what progress it told."""
-    cache = {}
-
-    def run(name):
-        if name not in cache:
-            out, shares = tmp_path_factory.mktemp(name), []
-            cache[name] = out, studies.run(name, out, shares.append, **SMALL[name]), shares
-        return cache[name]
-
-    return run
 
 
 def row(result, quantity):

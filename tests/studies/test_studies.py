@@ -10,6 +10,8 @@ from cosim.studies.findings import Row
 from cosim.studies.manoeuvre import TipIn
 from driveline.quantities import InputError
 
+pytestmark = pytest.mark.usefixtures("no_fmus")
+
 SMALL = {
     "fom-validation": {"tip_in": TipIn(stop=3.0)},
     "torque-meter-filter": {"seconds": 1.5},
@@ -17,31 +19,6 @@ SMALL = {
     "gears": {"gears": (3, 5), "tip_in": TipIn(stop=2.5)},
     "observability": {"pieces": 40},
 }
-
-
-@pytest.fixture(scope="module", autouse=True)
-def no_fmus():
-    """In process only: studies must do without built FMUs, and say so."""
-    def nothing_built(name):
-        raise InputError("nothing is built")
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("cosim.studies.manoeuvre.find_fmu", nothing_built)
-        yield
-
-
-@pytest.fixture(scope="module")
-def ran(tmp_path_factory):
-    """Runs a small case of a study once; its folder, result and what progress it told."""
-    cache = {}
-
-    def run(name):
-        if name not in cache:
-            out, shares = tmp_path_factory.mktemp(name), []
-            cache[name] = out, studies.run(name, out, shares.append, **SMALL[name]), shares
-        return cache[name]
-
-    return run
 
 
 @pytest.mark.parametrize("name", SMALL)
