@@ -113,15 +113,15 @@ def diagnose(path: Path, out: Path | None = None, *, workers: int | None = None,
 
 
 def _reserve(runs: list[Run]) -> tuple[list[Run], list[Run]]:
-    """One run for the gain where there are three or more: one that is repeated, or else the last but one.
+    """One run for the gain where there are three or more: one that is repeated, or else that with the steadiest torque.
 
-    Never the last, which may have been driven because a diagnosis asked for it.
+    Never the last, which may have been driven because a diagnosis asked for it. What is lively says most of causes.
     """
     if len(runs) < 3:
         return runs, []
     kinds = [(run.kind, run.gear, run.back) for run in runs]
     repeated = [i for i, kind in enumerate(kinds) if kind in kinds[i + 1:]]
-    chosen = repeated[-1] if repeated else len(runs) - 2
+    chosen = repeated[-1] if repeated else int(np.argmin([np.std(run.inputs[:, 0]) for run in runs[:-1]]))
     return [run for i, run in enumerate(runs) if i != chosen], [runs[chosen]]
 
 

@@ -9,10 +9,12 @@ from cosim.diagnosis.diagnose import MISSING, _reserve, is_missing
 
 
 @pytest.mark.parametrize(("kinds", "kept"), [
-    ("tip_in tip_out", None), ("tip_in tip_in ramp", 0), ("tip_in ramp tip_in", 0), ("tip_in tip_out ramp", 1),
-    ("tip_in tip_in_back ramp", 1), ("bench bench bench", 1)])
+    ("tip_in tip_out", None), ("tip_in tip_in cruise", 0), ("tip_in cruise tip_in", 0), ("tip_in tip_out cruise", 0),
+    ("tip_out cruise tip_in", 1), ("tip_in tip_in_back cruise", 0), ("bench bench bench", 1)])
 def test_one_of_three_recordings_is_kept_back_never_the_last(kinds, kept):
-    runs = [SimpleNamespace(name=i, kind=kind.removesuffix("_back"), gear=5, back=kind.endswith("_back"))
+    torques = {"cruise": [1.0, 1.1], "tip_in": [0.0, 2.0], "tip_out": [3.0, 0.0]}
+    runs = [SimpleNamespace(name=i, kind=kind.removesuffix("_back"), gear=5, back=kind.endswith("_back"),
+                            inputs=np.array([torques.get(kind.removesuffix("_back"), [0.0, 1.0])]).T)
             for i, kind in enumerate(kinds.split())]
     used, reserved = _reserve(runs)
     assert reserved == ([] if kept is None else [runs[kept]])
