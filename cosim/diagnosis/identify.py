@@ -84,9 +84,9 @@ class Identification:
         reached = self.best.score - fit.score
         return min(reached, max(self.best.hope - fit.hope, 0.0)) if fit.near else reached
 
-    def apart(self, fit: Fit, further: float = 0.0) -> float:
-        """How far a supposition is from the best [sigma], with some log evidence more between them."""
-        return separation(self.lead(fit) + further)
+    def apart(self, fit: Fit) -> float:
+        """How far a supposition is from the best [sigma]."""
+        return separation(self.lead(fit))
 
 
 class Search:
