@@ -302,8 +302,7 @@ def _summary(finding: dict[str, Any]) -> list[str]:
     lines += [f"  cannot be told from {', '.join(rival['effects'])} ({rival['separation_sigma']:.1f} sigma)"
               for rival in finding["ambiguous_with"]]
     if proposed := finding["next_manoeuvre"]:
-        way = ", the other way" * proposed["back"]
-        lines.append(f"  drive next: {proposed['kind']} in gear {proposed['gear']}{way}: {proposed['why']}")
+        lines.append(f"  drive next: {proposed['kind']} in gear {proposed['gear']}: {proposed['why']}")
     if finding["gain"]:
         lines += [f"  {row['signal']}: error {100 * row['nrmse_before']:.2f} % before, "
                   f"{100 * row['nrmse_after']:.2f} % after, of the range" for row in finding["gain"]["held_out"]]

@@ -154,7 +154,7 @@ def test_causes_that_act_together_are_told_with_what_they_have_together():
     lines = cli._summary({**FINDING, "causes": [first, second], "together": ["shaft_stiffness", "vehicle_mass"]})
     assert "90 % these together: shaft_stiffness, vehicle_mass" in "\n".join(lines)
     assert "together" not in "\n".join(cli._summary(FINDING))
-    assert "drive next: ramp in gear 4, the other way: because" in "\n".join(cli._summary(FINDING))
+    assert "drive next: ramp in gear 4: because" in "\n".join(cli._summary(FINDING))
 
 
 @pytest.fixture
