@@ -123,8 +123,8 @@ def _ways(predictor: Predictor, fits: Sequence[Fit], shared: np.ndarray) -> dict
     """
     ways = {False: np.ones(shared.size)}
     slopes = {i: c.cause for i, c in enumerate(predictor.coordinates) if c.parameter and SLOPE in c.parameter.targets}
-    recorded = any(run.inputs[:, predictor.car.columns["road_grade"]].any() for run in predictor.runs)
-    if not recorded and any(cause in fit.causes for cause in slopes.values() for fit in fits):
+    graded = any(run.graded for run in predictor.runs)
+    if not graded and any(cause in fit.causes for cause in slopes.values() for fit in fits):
         ways[True] = np.where(np.isin(shared, list(slopes)), -1.0, 1.0)
     return ways
 

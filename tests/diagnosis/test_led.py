@@ -73,6 +73,7 @@ def test_a_slope_sensor_that_is_not_level_shows_the_same_offset_on_the_way_back(
     recorded = replace(manoeuvre, back=True, channels={**manoeuvre.channels, "road_grade": level})
     runs = [car.runs(replace(measurement, manoeuvres=(one,))) for one in (replace(manoeuvre, back=True), recorded)]
     assert [one.back for [one] in runs] == [True, False]
+    assert [one.graded for [one] in runs] == [False, True]  # that of a level road too
 
 
 def test_an_accelerometer_shows_the_mean_and_misses_no_impact(car_and_run):

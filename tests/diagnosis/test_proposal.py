@@ -77,6 +77,12 @@ def test_a_slope_is_told_from_what_resists_on_the_way_back_only(tmp_path, monkey
         found = propose((fitter, fit, noise), one, [rival], monkeypatch)
         assert found.back and found.told == 2 and found.separation_sigma > APART
         assert "the other way" in proposal.words(found)
+    shared = fitter.layout.shared
+    assert len(proposal._ways(fitter.predictor, (rolling, grade), shared)) == 2
+    assert len(proposal._ways(fitter.predictor, (rolling,), shared)) == 1  # no slope to tell anything from
+    graded = SimpleNamespace(coordinates=fitter.coordinates, runs=[replace(run, graded=True) for run in
+                                                                   fitter.predictor.runs])
+    assert len(proposal._ways(graded, (rolling, grade), shared)) == 1
     monkeypatch.setattr(proposal, "_ways", lambda predictor, fits, shared: {False: np.ones(shared.size)})
     found = propose((fitter, fit, noise), rolling, [grade], monkeypatch)
     assert found.separation_sigma < APART and "too little" in proposal.words(found)

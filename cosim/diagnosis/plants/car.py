@@ -224,8 +224,9 @@ class FullOrderCar(InstrumentedPlant):
             return None
         clocks, measured = compared(manoeuvre, present, start + SETTLE, start + STEP * (len(inputs) - 1))
         # a sensor that is not level shows the same offset either way
-        back = manoeuvre.back and "road_grade" not in manoeuvre
-        return Run(name, manoeuvre.kind, gear, start, inputs, speed, clocks, measured, back, _anchors(manoeuvre))
+        graded = "road_grade" in manoeuvre
+        return Run(name, manoeuvre.kind, gear, start, inputs, speed, clocks, measured, graded,
+                   manoeuvre.back and not graded, _anchors(manoeuvre))
 
     def _overall(self, gear: int) -> float:
         return self.values["final_drive.ratio"] * self.values[f"transmission.ratio[{gear + 2}]"]

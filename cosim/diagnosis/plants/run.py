@@ -46,6 +46,7 @@ class Run:
         start_speed: Vehicle speed at the start as far as it was measured [m/s].
         clocks: Instants [s] at which each channel is compared.
         measured: Values of each channel at these.
+        graded: Whether the road's slope was recorded.
         back: Whether the road was driven the other way than in the others, and its slope not recorded.
         anchors: Channels the simulation is led along, with what they are between their samples: a straight line cuts
             the peaks off, which acts as a damper. None: it runs freely.
@@ -59,6 +60,7 @@ class Run:
     start_speed: float
     clocks: Mapping[str, np.ndarray]
     measured: Mapping[str, np.ndarray]
+    graded: bool = False
     back: bool = False
     anchors: Mapping[str, CubicSpline] = field(default_factory=dict)
 
