@@ -31,6 +31,7 @@ from ..elements.friction import friction_guard, friction_torque
 from ..elements.mesh_loss import loss_torque
 from ..elements.road_load import aerodynamic_force
 from ..elements.shaft import shaft_torque
+from ..elements.slip_control import controlled_capacity, held_rate
 from ..elements.torque_ripple import ripple_torque
 from ..elements.two_stage_stiffness import two_stage_energy, two_stage_guard, two_stage_torque
 from ..elements.tyre import contact_deflection_rate
@@ -52,6 +53,7 @@ SOURCE = 8     # gain; torque = gain * signal
 REACTION = 9   # gain; torque = gain * torque of the reference branch, which does not feel it
 TWO_STAGE = 10 # stiffness, damping, ratio of the first stage, its twist
 RIPPLE = 11    # amplitude, order, phase; reference: place of the angle
+SLIPPING = 12  # as FRICTION, then torque, target and reset time of the control that holds its slip
 
 # Columns of a branch in `plan`.
 LAW, NODE_A, NODE_B, TWIST, PARAMETER, SIGNAL, REFERENCE, MODE = range(8)
@@ -105,13 +107,23 @@ def work_size(nodes, branches, continuous, signals, active, outputs):
 
 
 @kernel
-def friction_capacity(plan, work, row, y, signal):
-    """Kinetic torque capacity [N.m or N] of a dry friction branch."""
+def full_capacity(plan, work, row, y, signal):
+    """Kinetic torque capacity [N.m or N] of a dry friction branch, if no control makes it less."""
     p = plan[row + PARAMETER]
     capacity = work[p + 2] * work[signal + plan[row + SIGNAL]]
     if plan[row + REFERENCE] >= 0:
         capacity *= work[y + plan[row + REFERENCE]]
     return capacity + work[p + 5] * work[signal + COS_GRADE]
+
+
+@kernel
+def friction_capacity(plan, work, row, y, signal, mode, slip):
+    """Kinetic torque capacity [N.m or N] of a dry friction branch."""
+    full = full_capacity(plan, work, row, y, signal)
+    if plan[row + LAW] != SLIPPING:
+        return full
+    p = plan[row + PARAMETER]
+    return controlled_capacity(mode, slip, work[y + plan[row + TWIST]], work[p + 8], work[p + 7], full)
 
 
 @kernel
@@ -157,9 +169,12 @@ def rates(plan, work, y, dy, signal, torque, torque_b, modes, matrix):
             if mode != 0.0:
                 work[dx + 1] = rate
                 dissipated += work[p + 3] * rate * rate
-        elif law == FRICTION:
+        elif law == FRICTION or law == SLIPPING:
             mode = work[modes + b]
-            capacity = friction_capacity(plan, work, row, y, signal)
+            capacity = friction_capacity(plan, work, row, y, signal, mode, rate)
+            if law == SLIPPING:
+                full = full_capacity(plan, work, row, y, signal)
+                work[dx] = held_rate(mode, rate, work[x], capacity, work[p + 8], work[p + 7], work[p + 9], full)
             t = friction_torque(mode, rate, capacity, directional_drag(rate, work[p + 4], work[p + 6]))
             t_b = t
             dissipated += t * rate
@@ -316,7 +331,7 @@ def guard(plan, work, y, signal, torque, modes, b):
                           work[p + 2], work[p + 3], work[p + 4])
     if plan[row + LAW] == TWO_STAGE:
         return two_stage_guard(work[modes + b], work[y + plan[row + TWIST]], work[p + 5])
-    capacity = friction_capacity(plan, work, row, y, signal)
+    capacity = friction_capacity(plan, work, row, y, signal, work[modes + b], rate)
     return friction_guard(work[modes + b], rate, work[torque + b], capacity, capacity * work[p + 3])
 
 

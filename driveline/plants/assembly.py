@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ..elements.slip_control import SlipControl
 from ..elements.torque_ripple import TorqueRipple
 from ..elements.two_stage_stiffness import FirstStage
 from ..kernels import network as k
@@ -190,16 +191,21 @@ class Assembly:
     def friction(self, name: str, a: int, b: int, capacity: Number, static_ratio: float = 1.0,
                  drag: float = 0.0, ratio_a: Number = 1.0, ratio_b: Number = 1.0,
                  signal: int = k.ONE, lag: str | None = None, base: float = 0.0,
-                 backward: float = 0.0) -> int:
+                 backward: float = 0.0, control: SlipControl | None = None) -> int:
         """Dry friction with sticking; ``capacity`` scales with a signal and a lag's level.
 
         ``base`` is capacity besides it that scales with the cosine of the grade, ``backward`` adds to the
-        drag where the slip is negative. Two dry frictions may not act between the same nodes: sticking,
-        nothing would tell their shares.
+        drag where the slip is negative, ``control`` holds the slip if it is present. Two dry frictions may not act
+        between the same nodes: sticking, nothing would tell their shares.
         """
         reference = -1 if lag is None else list(self.lags).index(lag)
-        return self._branch(Branch(name, k.FRICTION, a, b, ratio_a, ratio_b,
-                                   (capacity, static_ratio, drag, base, backward), signal, reference))
+        numbers = (capacity, static_ratio, drag, base, backward)
+        if control is None or not control.present:
+            return self._branch(Branch(name, k.FRICTION, a, b, ratio_a, ratio_b, numbers, signal, reference))
+        entry = StateEntry(f"{name}_held", "N.m", f"capacity of the {name.replace('_', ' ')} that its control holds")
+        return self._branch(Branch(name, k.SLIPPING, a, b, ratio_a, ratio_b,
+                                   (*numbers, control.torque, control.target, control.reset_time), signal, reference,
+                                   (entry,)))
 
     def converter(self, name: str, impeller: int, turbine: int, tables: tuple[float, ...]) -> int:
         """A hydrodynamic converter; tables are speed ratio, torque ratio, capacity."""
@@ -330,7 +336,7 @@ class Assembly:
             for number in branch.numbers:
                 put(number)
             reference = branch.reference
-            if branch.law == k.FRICTION and reference >= 0:
+            if branch.law in (k.FRICTION, k.SLIPPING) and reference >= 0:
                 reference = levels[lag_names[reference]]
             if branch.law == k.RIPPLE:
                 reference = integral_places[reference]
@@ -373,7 +379,7 @@ class Assembly:
         plan[k.NODES], plan[k.BRANCHES], plan[k.CONTINUOUS] = n_nodes, n_branches, n
         plan[k.LAGS], plan[k.INTEGRALS], plan[k.TERMS] = len(lag_rows), len(integral_rows), len(term_rows)
         plan[k.OUTPUTS], plan[k.GEAR_ROWS], plan[k.INPUTS] = len(names), len(gear_rows), len(self.inputs)
-        switches = [b for b, row in enumerate(rows) if row[0] in (k.LASH, k.FRICTION, k.TWO_STAGE)]
+        switches = [b for b, row in enumerate(rows) if row[0] in (k.LASH, k.FRICTION, k.SLIPPING, k.TWO_STAGE)]
         plan[k.SWITCHES] = len(switches)
         plan[k.CHANNELS], plan[k.SECTIONS] = len(channel_rows), len(self.sections)
         plan[k.ACTIVE_SIZE], plan[k.GEARS], plan[k.INERTIA] = len(active), self.gears, inertia

@@ -29,6 +29,7 @@ from ..elements.engine_torque import EngineTorque
 from ..elements.friction import Brake, LockupClutch
 from ..elements.road_load import GRAVITY, RoadLoad
 from ..elements.shaft import MassiveShaft, Shaft
+from ..elements.slip_control import SlipControl
 from ..elements.torque_ripple import TorqueRipple
 from ..elements.two_stage_stiffness import FirstStage
 from ..elements.tyre import Tyre
@@ -96,6 +97,7 @@ class FullOrderParameters:
     asymmetric_friction: AsymmetricFriction
     axle_first_stage: FirstStage
     coulomb_drag: CoulombDrag
+    slip_control: SlipControl
 
 
 def input_variable(name: str, unit: str, meaning: str, **more) -> Variable:
@@ -273,7 +275,7 @@ class FullOrderPlant(Plant):
         net.converter("converter", impeller, turbine,
                       (*p.converter.speed_ratio, *p.converter.torque_ratio, *p.converter.capacity))
         lockup = net.friction("lockup_clutch", impeller, plate, p.lockup_clutch.capacity, p.lockup_clutch.static_ratio,
-                              p.lockup_clutch.drag, lag="lockup_clutch_pressure")
+                              p.lockup_clutch.drag, lag="lockup_clutch_pressure", control=p.slip_control)
         net.shaft("damper", plate, turbine, p.damper.stiffness, p.damper.damping)
         net.friction("shift_clutch", turbine, gearset, p.transmission.shift_capacity, lag="shift_clutch_engagement")
         gears = net.lash("transmission", gearset, output, p.transmission.stiffness, p.transmission.damping,

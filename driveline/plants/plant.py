@@ -70,6 +70,8 @@ class Plant(KernelModel):
         self._set_modes()
         if steady:
             self._find_equilibrium(speeds)
+            if self._let_slip():
+                self._find_equilibrium(speeds)
         self._check_substep()
         self._settle_sensors(start_time)
         self._call(start_time, 0.0, 0)
@@ -195,7 +197,7 @@ class Plant(KernelModel):
         modes = self.state[net.modes]
         scale = 1e-9 * max(1.0, np.abs(self.state[:len(net.nodes)]).max())
         for b, (row, rate) in enumerate(zip(self._branch_rows(), self.branch_rates(), strict=True)):
-            if row[k.LAW] == k.FRICTION:
+            if row[k.LAW] in (k.FRICTION, k.SLIPPING):
                 modes[b] = 0.0 if abs(rate) <= scale else np.sign(rate)
             elif row[k.LAW] == k.LASH:
                 modes[b] = 1.0
@@ -274,8 +276,9 @@ class Plant(KernelModel):
 
         Newton's method on the rates. The vehicle keeps its speed; all other speeds may leave the
         rolling ones by the tyres' slip. Clutches that stick do not slip: their torques fix only
-        accelerations, so the speeds need equations of their own. Lashes lie on the flank their
-        torque asks for, shafts are in the stage of their twist.
+        accelerations, so the speeds need equations of their own. What a control lets slip has the
+        capacity that it then holds. Lashes lie on the flank their torque asks for, shafts are in
+        the stage of their twist.
         """
         net = self.network
         n_nodes = len(net.nodes)
@@ -286,11 +289,13 @@ class Plant(KernelModel):
                    if r[k.LAW] in (k.SHAFT, k.LASH, k.CONTACT, k.TWO_STAGE)]
         staged = [(b, first[b], net.constants[r[k.PARAMETER] + 5]) for b, r in enumerate(rows)
                   if r[k.LAW] == k.TWO_STAGE]
-        engine = [first[b] for b, r in enumerate(rows) if r[k.LAW] == k.ENGINE]
+        modes = self.state[net.modes]
+        settled = [first[b] for b, r in enumerate(rows)
+                   if r[k.LAW] == k.ENGINE or (r[k.LAW] == k.SLIPPING and modes[b] != 0.0)]
         body = net.nodes[self.body]
-        unknown = [i for i in range(n_nodes) if i != body] + twisted + engine
+        unknown = [i for i in range(n_nodes) if i != body] + twisted + settled
         shape = speeds / speeds[body]
-        stuck = [b for b, r in enumerate(rows) if r[k.LAW] == k.FRICTION and self.state[net.modes][b] == 0.0]
+        stuck = [b for b, r in enumerate(rows) if r[k.LAW] in (k.FRICTION, k.SLIPPING) and modes[b] == 0.0]
         slips = self.kinematics()[stuck]
         n = int(net.plan[k.CONTINUOUS])
         result = np.zeros(2 * n)
@@ -304,7 +309,7 @@ class Plant(KernelModel):
                 self.state[net.modes][b] = np.sign(self.state[twist]) * (abs(self.state[twist]) > width)
             evaluate()
             rates = result[:n]
-            return np.concatenate([rates[:n_nodes] - shape * x[-1], rates[twisted], rates[engine],
+            return np.concatenate([rates[:n_nodes] - shape * x[-1], rates[twisted], rates[settled],
                                    slips @ self.state[:n_nodes]])
 
         for _ in range(3):
@@ -326,6 +331,18 @@ class Plant(KernelModel):
             if not wrong:
                 break
         self._set_flanks()
+
+    def _let_slip(self) -> bool:
+        """Whether a control lets something slip that sticks: the way its torque turns it, with as much capacity."""
+        net = self.network
+        _, torques = self.rates()
+        modes = self.state[net.modes]
+        controlled = [b for b, row in enumerate(self._branch_rows())
+                      if row[k.LAW] == k.SLIPPING and modes[b] == 0.0]
+        for b in controlled:
+            modes[b] = -1.0 if torques[b] < 0.0 else 1.0
+            self.state[self._branch_rows()[b, k.TWIST]] = abs(torques[b])
+        return bool(controlled)
 
     def _settle_sensors(self, start_time: float) -> None:
         """Sensors start as if the plant had been in its first state for long."""

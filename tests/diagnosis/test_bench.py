@@ -417,6 +417,25 @@ def test_of_a_drive_only_locked_up_stretches_without_brakes_are_taken_and_compar
         assert error < 0.05 * np.mean(run.measured[channel]), channel
 
 
+@needs_data
+def test_the_converter_clutch_of_a_drive_is_held_at_a_slip(tmp_path):
+    """Engine less turbine speed, of all stretches: a slip that a control holds explains most of it."""
+    found = measurement(tmp_path, TAHOE, "tahoe_6l80_drive", kind="drive")
+    car = plant_for(found)
+    left = {}
+    for target in (0.0, 2.2):
+        errors = []
+        for run in car.runs(found):
+            raw = car.raw({**car.values, "slip_control.target": target}, run)
+            clock, engine = run.clocks["engine_speed"], run.measured["engine_speed"]
+            turbine = np.interp(clock, run.clocks["turbine_speed"], run.measured["turbine_speed"])
+            slip = np.interp(clock, run.time, raw["engine_speed"] - raw["turbine_speed"])
+            errors.append(engine - turbine - slip)
+        left[target] = float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
+    print(f"converter slip left over: {left[0.0]:.2f} rad/s of a closed clutch, {left[2.2]:.2f} of one that is held")
+    assert left[2.2] < 0.6 * left[0.0]
+
+
 def test_the_force_of_a_carriage_has_its_own_units():
     assert {p.unit for p in effect("engine_torque_offset").elsewhere} == {"N"}
     assert SingleMass("emps").units["drive.force_offset"] == "N"

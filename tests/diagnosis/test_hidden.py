@@ -48,11 +48,12 @@ def test_the_hidden_plant_shares_no_code_with_the_plants_a_diagnosis_runs():
                     "cosim.diagnosis.hidden.outside", "cosim.diagnosis.hidden.recordings"), (path.name, node.module)
 
 
-def test_two_ways_to_write_the_same_driveline_down_agree():
+@pytest.mark.parametrize("more", [{}, {"slip_control.target": 2.0}], ids=["closed", "controlled slip"])
+def test_two_ways_to_write_the_same_driveline_down_agree(more):
     """Same structure, nothing drifts: the hidden plant and the full-order one differ by their contacts only."""
-    record = simulate(nominal(), 5, 12.0, TIMES, TORQUE, 3.0)
+    record = simulate(nominal() | more, 5, 12.0, TIMES, TORQUE, 3.0)
     start = float(np.interp(0.0, record.time, record.signals["vehicle_speed"]))
-    model = plant("plant_fom", {"start.vehicle_speed": start}, engine_torque=-20.0)
+    model = plant("plant_fom", {"start.vehicle_speed": start} | more, engine_torque=-20.0)
     other = run(model, 3.0, engine_torque=lambda t: np.interp(t + 5e-4, TIMES, TORQUE))
     for name, share in (("engine_speed", 5e-3), ("wheel_speed", 2e-3), ("vehicle_speed", 5e-4),
                         ("propeller_shaft_torque", 1e-2), ("seat_acceleration", 1e-2)):

@@ -136,7 +136,8 @@ def test_zero_is_the_vehicle_file_and_every_coordinate_moves_something(car_and_r
     moves = np.abs(slopes).max(axis=0)
     idle = [c.name for c, m in zip(declared, moves) if m == 0.0]
     # these do nothing while they are small, or where the file has no suspension
-    assert set(idle) <= {"lockup_capacity", "first_stage_stiffness", "first_stage_twist", "suspension.damping"}
+    assert set(idle) <= {"lockup_capacity", "slip_target", "first_stage_stiffness", "first_stage_twist",
+                         "suspension.damping"}
 
 
 def test_several_processes_say_the_same(car_and_run):

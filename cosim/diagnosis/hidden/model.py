@@ -27,12 +27,13 @@ PRE_ROLL = 2.0  # s before the recording: the driveline winds up and settles
 # Places in the state. The chain follows: its speeds, then the twists between its nodes.
 (AIR, CRANK, PLATE, TURBINE, OUTPUT, SHAFT, PINION, BODY, SEAT, AXLE, CASE, ROLL,
  DAMPER, GEARS, FRONT, REAR, HYPOID, TREAD, SEAT_TRACK, SUSPENSION, CASE_SPRING, MOUNT,
- LOCKUP_Z, DAMPER_Z, CRANK_ANGLE, DISTANCE, WHEEL_ANGLE, OUTPUT_ANGLE) = range(28)
-FIXED = 28
+ LOCKUP_Z, LOCKUP_HELD, DAMPER_Z, CRANK_ANGLE, DISTANCE, WHEEL_ANGLE, OUTPUT_ANGLE) = range(29)
+FIXED = 29
 
 _SCALARS = """
 engine_inertia air_lag air_delay torque_gain torque_offset friction_constant friction_viscous accessories idle_speed
 idle_gain maximum_torque ripple ripple_order ripple_phase plate_inertia lockup_capacity lockup_static lockup_drag
+slip_target slip_torque slip_reset_time
 damper_stiffness damper_damping turbine_inertia gear_stiffness gear_damping gear_gap ratio gear_loss_constant
 gear_loss_viscous gear_loss_fraction output_inertia output_drag shaft_inertia shaft_stiffness shaft_damping
 pinion_inertia final_ratio mesh_stiffness mesh_damping mesh_gap mesh_loss_constant mesh_loss_fraction
@@ -122,6 +123,8 @@ def packed(values: Mapping[str, float], gear: int, grade: float, other: bool) ->
         "ripple_phase": get("torque_ripple.phase", 0.0),
         "plate_inertia": v["lockup_clutch.plate_inertia"], "lockup_capacity": v["lockup_clutch.capacity"],
         "lockup_static": v["lockup_clutch.static_ratio"], "lockup_drag": v["lockup_clutch.drag"],
+        "slip_target": get("slip_control.target", 0.0), "slip_torque": get("slip_control.torque", 20.0),
+        "slip_reset_time": get("slip_control.reset_time", 0.2),
         "damper_stiffness": v["damper.stiffness"], "damper_damping": v["damper.damping"],
         "turbine_inertia": (v["converter.turbine_inertia"] + v["transmission.input_inertia"]
                             + v["transmission.inertia" + entry]),
@@ -211,6 +214,7 @@ def _start(q: np.void, speed: float, torque: float) -> np.ndarray:
     y[FIXED:FIXED + n] = wheel
     side = 1.0 if torque > 5.0 else -1.0
     y[GEARS], y[HYPOID] = side * q["gear_gap"], side * q["mesh_gap"]
+    y[LOCKUP_HELD] = abs(torque)
     y[AIR] = max(torque + q["friction_constant"] + q["friction_viscous"] * turbine, 0.0)
     return y
 
@@ -258,6 +262,12 @@ def _rates(t, y, p, torque_times, torque):
             pump, runner = -pump, -pump
     slip = w - y[PLATE]
     limit = q.lockup_capacity * (1.0 + (q.lockup_static - 1.0) * np.exp(-slip * slip))
+    if q.slip_target > 0.0:  # proportional and integral control, which does not wind up
+        more = q.slip_torque * (abs(slip) / q.slip_target - 1.0)
+        asked = y[LOCKUP_HELD] + more
+        if not (asked <= 0.0 and y[LOCKUP_HELD] <= 0.0 and more < 0.0) and not (asked >= limit and more > 0.0):
+            d[LOCKUP_HELD] = more / q.slip_reset_time
+        limit = min(max(asked, 0.0), limit)
     if q.other:
         z = y[LOCKUP_Z]
         d[LOCKUP_Z] = 300.0 * (slip - abs(slip) * z)
