@@ -14,6 +14,7 @@ from cosim.diagnosis.inverse import SKEW, SLIGHT, Inverse, Supposition, Torques
 from cosim.diagnosis.plants.rigid import RigidPlant
 from cosim.diagnosis.plants.run import STEP, Run
 from cosim.diagnosis.regression import paired
+from cosim.measured import CANONICAL
 
 SIGNIFICANT = 0.01  # after correction for the number of effects
 APART = 3.0  # sigma: causes that are closer cannot be told apart
@@ -197,7 +198,8 @@ def _unknown(inverse: Inverse) -> tuple[float, dict[str, Any]]:
                 over = np.concatenate([inverse.thinned(getattr(motion, name))
                                        for motion in inverse.motions])
                 share, shape, size = _shape(over, error)
-                found.append((share, {"balance": node, "driving_variable": name, "shape": shape, "size": size}))
+                found.append((share, {"balance": node, "driving_variable": name, "shape": shape, "size": size,
+                                      "unit": CANONICAL[channel].unit}))
     return max(found, key=lambda pair: pair[0])
 
 

@@ -319,7 +319,7 @@ def _localise(diagnosis: Diagnosis, predictor: Predictor, found: Identification)
     variable, shape, _ = goes_with(first.table, first.follows)
     diagnosis.finding["unknown"] = {
         "balance": PLACES[first.place].balance, "place": first.place,
-        "driving_variable": variable, "shape": shape, "size": first.size,
+        "driving_variable": variable, "shape": shape, "size": first.size, "unit": PLACES[first.place].unit,
         "log_evidence": {d.place: d.gain for d in listed}}
     diagnosis.disturbance = first.table
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 NOTHING = "nothing"  # for what a missing torque goes with
-_ALONG = ("vehicle", "carriage")  # balances of forces
+_WHAT = {"N": "force", "N.m": "torque", "rad": "twist"}  # that is missing, by its unit
 
 
 def joint_probability(finding: Mapping[str, Any], effects: Collection[str]) -> float:
@@ -18,8 +18,8 @@ def joint_probability(finding: Mapping[str, Any], effects: Collection[str]) -> f
 
 
 def missing(unknown: Mapping[str, Any]) -> tuple[str, str]:
-    """What an unknown effect is, a torque or a force, and its unit."""
-    return ("force", "N") if unknown["balance"] in _ALONG else ("torque", "N.m")
+    """What an unknown effect is, a torque, a force or a twist, and its unit."""
+    return _WHAT[unknown["unit"]], unknown["unit"]
 
 
 def goes_with_words(unknown: Mapping[str, Any]) -> str:

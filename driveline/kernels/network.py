@@ -41,7 +41,7 @@ from .backend import F8, I8, entry_point, kernel
 
 # Laws of a branch, and what its parameters are (after ratio_a and ratio_b).
 SHAFT = 0      # stiffness, damping
-LASH = 1       # stiffness, damping, half_gap
+LASH = 1       # stiffness, damping, half_gap, how fast a signal turns one side against the other
 FRICTION = 2   # capacity (times a signal and a lag state), static_ratio, drag, base capacity (times cos grade),
                # drag moving backward beyond that moving forward
 CONVERTER = 3  # tables
@@ -163,12 +163,15 @@ def rates(plan, work, y, dy, signal, torque, torque_b, modes, matrix):
             dissipated += work[p + 3] * rate * rate
         elif law == LASH:
             mode = work[modes + b]
+            turned = work[p + 5] * work[signal + plan[row + SIGNAL]]
+            rate += turned
             t = lash_torque(mode, work[x + 1], rate, work[p + 2], work[p + 3])
             t_b = t
             work[dx] = rate
             if mode != 0.0:
                 work[dx + 1] = rate
                 dissipated += work[p + 3] * rate * rate
+            supplied += t * turned
         elif law == FRICTION or law == SLIPPING:
             mode = work[modes + b]
             capacity = friction_capacity(plan, work, row, y, signal, mode, rate)
@@ -327,6 +330,7 @@ def guard(plan, work, y, signal, torque, modes, b):
         rate -= work[p + 1] * work[y + plan[row + NODE_B]]
     if plan[row + LAW] == LASH:
         x = y + plan[row + TWIST]
+        rate += work[p + 5] * work[signal + plan[row + SIGNAL]]
         return lash_guard(work[modes + b], work[x], work[x + 1], rate,
                           work[p + 2], work[p + 3], work[p + 4])
     if plan[row + LAW] == TWO_STAGE:

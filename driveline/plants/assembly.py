@@ -186,7 +186,12 @@ class Assembly:
         entries = (StateEntry(f"{name}_twist", "rad", f"twist across the {text}, lash included"),
                    StateEntry(f"{name}_shaft_twist", "rad", f"twist of the {text}'s shaft alone"))
         return self._branch(Branch(name, k.LASH, a, b, ratio_a, ratio_b,
-                                   (stiffness, damping, half_gap), states=entries))
+                                   (stiffness, damping, half_gap, 0.0), states=entries))
+
+    def turned(self, name: str, signal: int) -> None:
+        """One side of a lash that is there is turned against the other as fast as a signal says [rad/s]."""
+        branch = self.branches[name]
+        self.branches[name] = replace(branch, numbers=(*branch.numbers[:3], 1.0), signal=signal)
 
     def friction(self, name: str, a: int, b: int, capacity: Number, static_ratio: float = 1.0,
                  drag: float = 0.0, ratio_a: Number = 1.0, ratio_b: Number = 1.0,

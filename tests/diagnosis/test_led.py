@@ -208,7 +208,7 @@ def missing(car, run, raw, places=PLACES):
         return disturbances(predictor, fitter.renewed(fitter.refine(fit, noise, 5), noise), noise, places), led
 
 
-@pytest.mark.parametrize("place", ["vehicle", "propeller shaft", "within the axle shafts"])
+@pytest.mark.parametrize("place", ["vehicle", "propeller shaft", "within the axle shafts", "within the transmission"])
 def test_a_torque_nobody_knew_of_is_found_where_it_acts(car_and_run, place):
     car, run = car_and_run
     # a slow torque within a shaft is not seen, and one on the pinion is one on the axle; of a quick one the numbers of

@@ -134,7 +134,7 @@ def diagnosis(base, verdict):
                        "std": np.ones(time.size), "twist": 1e-3 * np.cos(9.0 * time),
                        "wheel angle": 30.0 * time, "run": np.zeros(time.size)}
         finding["unknown"] = {"balance": "propeller shaft", "driving_variable": "speed", "size": 16.0,
-                              "shape": "growing with its square"}
+                              "unit": "N.m", "shape": "growing with its square"}
     if verdict == "none":
         finding["wrong"], notices = [], []
         traces = {key: (clock, measured, before, before) for key, (clock, measured, before, _) in traces.items()}
@@ -208,9 +208,12 @@ def test_what_is_missing_is_shown_over_what_it_could_go_with(base, pages):
     titles = re.findall(r'aria-label="what is missing over ([^"]*)"', pages["unknown"])
     assert titles == ["speed", "time", "twist", "wheel angle"]  # no run: that is no variable
     given = diagnosis(base, "unknown")
-    given.finding["unknown"]["balance"] = "vehicle"
+    given.finding["unknown"] |= {"balance": "vehicle", "unit": "N"}
     text = " ".join(words(render(given)).split())
     assert "A force at the vehicle is missing" in text and "size: 16 N;" in text
+    given.finding["unknown"] |= {"balance": "transmission", "unit": "rad", "size": 0.01}
+    text = " ".join(words(render(given)).split())
+    assert "A twist at the transmission is missing" in text and "size: 0.01 rad;" in text
 
 
 def test_a_value_beyond_what_is_plausible_is_marked(base):

@@ -12,14 +12,15 @@ J1, J2, STIFFNESS, GAP = 0.4, 1.5, 2000.0, 0.05
 FLOATS = st.floats(-10.0, 10.0)
 
 
-def bench(damping=6.0, speeds=(0.0, 0.0), torque=0.0, gap=GAP):
+def bench(damping=6.0, speeds=(0.0, 0.0), torque=0.0, gap=GAP, turn=0.0):
     def build(net):
         a = net.node("a", J1, "rad/s", "driving side")
         b = net.node("b", J2, "rad/s", "driven side")
         net.source("drive", a, 1.0, net.signal("torque"))
         net.lash("lash", a, b, STIFFNESS, damping, gap)
+        net.turned("lash", net.signal("turn"))
 
-    return Bench(build, dict(zip("ab", speeds)), {"torque": torque})
+    return Bench(build, dict(zip("ab", speeds)), {"torque": torque, "turn": turn})
 
 
 def test_in_the_gap_the_torque_is_zero_and_the_shaft_relaxes_exponentially():
@@ -55,6 +56,16 @@ def test_the_gap_is_crossed_in_the_time_its_width_takes(damping):
         omega = np.sqrt(STIFFNESS * (1.0 / J1 + 1.0 / J2))
         exact = -speed / omega * np.sin(omega * (after["time"] - flight))
         assert after["lash_shaft_twist"] == pytest.approx(exact, rel=1e-6)
+
+
+def test_to_turn_one_side_of_a_lash_is_as_if_what_is_on_it_turned_faster():
+    turn, drive = 1.7, {"torque": lambda t: 40.0 * np.sin(30.0 * t)}
+    turned, faster = (run(model, 0.6, **drive) for model in (bench(turn=turn), bench(speeds=(turn, 0.0))))
+    assert {-1.0, 0.0, 1.0} == set(turned["lash_mode"])
+    for name in ("b_speed", "lash_torque", "lash_lash"):
+        assert turned[name] == pytest.approx(faster[name], abs=1e-9), name
+    assert turned["a_speed"] + turn == pytest.approx(faster["a_speed"], abs=1e-9)
+    assert np.ptp(ledger(turned)) < 1e-6 * turned["energy_dissipated"][-1]
 
 
 def test_a_lash_without_damping_bounces_elastically():

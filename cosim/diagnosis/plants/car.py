@@ -60,34 +60,36 @@ ANCHORS = {"engine_speed": Anchor("crankshaft", "rad/s", 6.0), "vehicle_speed": 
 
 @dataclass(frozen=True)
 class Place:
-    """Where a torque may be missing.
+    """Where a torque may be missing, or a twist.
 
     Attributes:
         balance: The torque balance it is told as.
         nodes: What share of it acts on which: on one end alone it comes from without; what acts on both ends of a
             shaft against one another is wrong within it.
-        size: What moves the channels by about their noise [N.m; N on the vehicle].
+        size: What moves the channels by about their noise, in its unit.
+        unit: Of what is missing.
+        turned: The lash that turns by as much, where it is no torque that is missing but a twist.
     """
 
     balance: str
     nodes: Mapping[str, float]
     size: float
-
-    @property
-    def shaft(self) -> bool:
-        """Whether it is within a shaft."""
-        return min(self.nodes.values()) < 0.0
+    unit: str = "N.m"
+    turned: str = ""
 
 
-# Within the propeller shaft or the tyres would do the same to all speeds: one after the other, they twist alike.
+# Within the propeller shaft or the tyres would do the same to all speeds: one after the other, they twist alike. What
+# a torque within the transmission does depends on which flank its teeth are; what turns the gears, as a housing that
+# rolls on its mounts, does it on either.
 PLACES = {
     "engine": Place("engine", {"crankshaft": 1.0}, 4.0),
     "transmission": Place("transmission", {"transmission_output": 1.0}, 6.0),
+    "within the transmission": Place("transmission", {}, 0.002, "rad", turned="transmission"),
     "propeller shaft": Place("propeller shaft", {"pinion": 1.0}, 6.0),
     "axle": Place("axle", {"differential": 1.0}, 20.0),
     "within the axle shafts": Place("axle", {"differential": -1.0, "left_hub": 0.5, "right_hub": 0.5}, 20.0),
     "wheel": Place("wheel", {"left_hub": 0.5, "right_hub": 0.5}, 20.0),
-    "vehicle": Place("vehicle", {"vehicle": 1.0}, 60.0),
+    "vehicle": Place("vehicle", {"vehicle": 1.0}, 60.0, "N"),
 }
 
 
@@ -97,7 +99,7 @@ class LedPlant(FullOrderPlant):
     inputs = (*FullOrderPlant.inputs,
               *(input_variable(f"led_{name}", anchor.unit, f"measured {name.replace('_', ' ')}")
                 for name, anchor in ANCHORS.items()),
-              input_variable("push", "N.m", "disturbance torque, or force [N] on the vehicle"))
+              input_variable("push", "N.m", "disturbance torque; force [N] on the vehicle, turning [rad/s] of a lash"))
     output_variables = (*(v for v in FullOrderPlant.output_variables if v.name in _COMPUTED),
                         output_variable("differential_speed", "rad/s", "pitch rate of the axle housing"))
     led: tuple[str, ...] = ()
@@ -115,8 +117,13 @@ class LedPlant(FullOrderPlant):
             node = list(net.nodes).index(anchor.node)
             net.source(f"led_{name}", node, anchor.gain, net.signal(f"led_{name}"))
             net.friction(f"led_{name}_drag", node, GROUND, 0.0, drag=anchor.gain)
-        for name, share in PLACES[self.pushed].nodes.items() if self.pushed else ():
+        if not self.pushed:
+            return
+        place = PLACES[self.pushed]
+        for name, share in place.nodes.items():
             net.source(f"push_{name}", list(net.nodes).index(name), share, net.signal("push"))
+        if place.turned:
+            net.turned(place.turned, net.signal("push"))
 
 
 class FullOrderCar(InstrumentedPlant):
@@ -141,11 +148,11 @@ class FullOrderCar(InstrumentedPlant):
 
     def pushed(self, values: Mapping[str, float], run: Run, nuisance: Nuisance, place: str,
                push: np.ndarray) -> dict[str, np.ndarray]:
-        """As ``raw``, with a torque [N.m; N on the vehicle] at every step at a place of ``PLACES``."""
+        """As ``raw``, with a torque, force or twist at every step, in the unit of its place of ``PLACES``."""
         self._plant.pushed = place
         try:
             inputs = self._prepared(values, run, nuisance, 0.0)
-            inputs[:, self.columns["push"]] = push
+            inputs[:, self.columns["push"]] = np.gradient(push, STEP) if PLACES[place].turned else push
             return self._named(self._plant.simulate(inputs, STEP, run.start))
         finally:
             self._plant.pushed = ""
