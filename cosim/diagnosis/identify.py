@@ -41,6 +41,7 @@ _BESIDE = 3  # further causes that are fitted from where the leader is as well
 _STARTED = (20, 6)
 _SHORTLIST, _SHORTLIST_PLAIN = (6, 3), (3, 2)
 _RIVAL, _RIVALS = 12.0, 4  # log evidence below the leader at which a rival gets derivatives of its own; how many
+_ADVISERS, _ADVISED = 4, 2  # rivals whose derivatives are asked as well; of what they promise are fitted
 _SHORT = 3.0  # log evidence below what the leader's derivatives promise at which a settled rival is fitted again
 _UNEXPLAINED = 40.0  # of minus twice the log likelihood of a run: leaves half of what it says
 _DOUBTS_ALIKE = 1.2  # ratio of temperatures below which they are the same
@@ -341,6 +342,7 @@ class Search:
         hopes = self._challengers(leader, probes, self.noise, _SHORTLIST)
         if self.noise.temperatures.max() > _DOUBTS_ALIKE:  # what it would take to explain the doubtful runs as well
             self._challengers(leader, probes, self.plain, _SHORTLIST_PLAIN)
+        self._enter(self._advised(leader, hopes))
         self._doubt_again()
         # what derivatives promise counts as well, its own and the leader's: a fit that fell short may be in another
         # minimum
@@ -390,6 +392,28 @@ class Search:
             start = self.fitter.assess(self.start(leader, causes, evidence), noise)
             self._enter([self.fitter.settle(self._refined(start, noise), noise, everything=False)])
         return promising
+
+    def _advised(self, leader: Fit, promising: Mapping[tuple[str, ...], float]) -> list[Fit]:
+        """Fits of what others with derivatives of their own promise, and the leader's do not, each once for a leader.
+
+        A cause in place of the leader's may be where lashes are crossed at other moments. From where it is alone it is
+        seen what it would do beside the others. Only what promises more than the leader, or does with as few causes.
+        """
+        advice: dict[tuple[str, ...], tuple[float, Fit, Evidence]] = {}
+        for fit in [fit for fit in self._ranked() if fit.near and fit is not leader][:_ADVISERS]:
+            evidence = self.fitter.judged(fit, self.noise)
+            for lead, causes in self.candidates(fit, evidence):
+                lead += fit.hope - leader.hope
+                known = max(promising.get(causes, -np.inf), advice.get(causes, (-np.inf,))[0])
+                least = -_RIVAL if len(causes) <= len(leader.causes) else 0.0
+                near = causes in self.pool and self.pool[causes].near
+                if not near and causes not in self.tried and lead > max(least, known + _SHORT):
+                    advice[causes] = lead, fit, evidence
+        best = sorted(advice, key=lambda causes: -advice[causes][0])[:_ADVISED]
+        self.tried.update(best)
+        starts = (self.fitter.assess(self.start(fit, causes, evidence), self.noise)
+                  for causes, (_, fit, evidence) in ((causes, advice[causes]) for causes in best))
+        return [self.fitter.settle(self._refined(start, self.noise), self.noise, everything=False) for start in starts]
 
     def _added(self, leader: Fit, further: Sequence[tuple[str, ...]]) -> list[str]:
         """The most promising further causes: where the derivatives place them the lash may be crossed otherwise."""

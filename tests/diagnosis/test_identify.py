@@ -153,6 +153,24 @@ def test_a_settled_fit_that_falls_short_of_its_own_promise_is_fitted_again():
         assert search._stuck(leader, promising) == []  # once for a leader
 
 
+def test_what_a_rivals_own_derivatives_promise_is_fitted_too():
+    """From where the leader is, with another cause in its place, nothing of it is seen."""
+    search, result = found({"size": 0.4, "curve": 0.9})
+    fitter, noise = search.fitter, result.noise
+    true = result.best.causes
+    leader, rival = (fitter.settle(fitter.assess(replace(fitter.nominal(), causes=causes), noise), noise)
+                     for causes in (("curve", "phase"), ("size",)))
+    leader.hope = result.best.hope - 30.0  # a leader, as long as nobody fits what is true
+    search.pool = {(): result.healthy, leader.causes: leader, rival.causes: rival}
+    assert search._advised(leader, {true: result.best.hope - leader.hope}) == []  # it promises that itself
+    [fit] = search._advised(leader, {})
+    assert fit.causes == true and fit.near and fit.score == pytest.approx(result.best.score, abs=1.0)
+    assert search._advised(leader, {}) == []  # once for a leader
+    # as nothing is promised beyond what is true, no further cause is
+    search.tried, search.pool = set(), {(): result.healthy, rival.causes: rival, true: fit}
+    assert search._advised(fit, {}) == []
+
+
 def test_swaps_are_fitted_however_many_causes_could_be_added():
     """Each of those promises its log prior, and what stands in place of the true cause may promise less."""
     search, result = found({"size": 0.4, "curve": 0.9})

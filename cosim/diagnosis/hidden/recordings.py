@@ -97,10 +97,11 @@ def driven(kind: str, gear: int, random: np.random.Generator) -> Drive:
     elif kind == "cruise":
         level = random.uniform(30.0, 60.0)
         corners = [(t, level + random.uniform(-12.0, 12.0)) for t in np.arange(-2.0, duration, 0.5)]
-    else:  # sweep
-        times = np.arange(-PRE_ROLL, duration, 0.01)
-        angle = 2.0 * np.pi * np.where(times > 0.0, times + 5.0 * times**2 / duration, times)
-        return Drive(kind, gear, speed, times, 70.0 + 50.0 * np.sin(angle), duration)
+    else:  # sweep: gently to and fro through the lash, faster and faster
+        times, swing = np.arange(-PRE_ROLL, duration, 0.01), random.uniform(35.0, 50.0)
+        slow, fast = random.uniform(0.35, 0.5), random.uniform(0.9, 1.3)
+        angle = 2.0 * np.pi * np.where(times > 0.0, (slow + 0.5 * (fast - slow) * times / duration) * times, 0.0)
+        return Drive(kind, gear, speed, times, 0.5 * swing - swing * np.cos(angle), duration)
     times, torque = map(np.array, zip(*corners))
     return Drive(kind, gear, speed, times, torque, duration)
 
