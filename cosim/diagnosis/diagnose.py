@@ -37,9 +37,10 @@ LIKELY = 0.05  # causes less probable are not listed
 # not explain it. A run of which something is missing weighs more than a little in each.
 STRANGE = 0.08
 # Nor does it where a torque is missing somewhere beside the causes, of so much log evidence a recording.
-# Right causes leave 2 to 25 of it, those that imitate what is not in the catalogue 170 to 870.
+# Right causes leave up to 27 of it, those that imitate what is not in the catalogue 41 to 870.
 MISSING = 40.0
-WITNESSES = ("propeller shaft", "within the axle shafts", "vehicle")  # a torque missing elsewhere shows at one of them
+# What is missing elsewhere shows at one of them.
+WITNESSES = ("within the transmission", "propeller shaft", "within the axle shafts", "vehicle")
 SOMETHING_ELSE = 0.03  # probability that is left for what nobody thought of
 _COMPARED = 4  # rivals that a proposed manoeuvre has to tell from the best
 _DRAWS = 30  # healthy cars

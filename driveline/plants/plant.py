@@ -71,7 +71,9 @@ class Plant(KernelModel):
         if steady:
             self._find_equilibrium(speeds)
             if self._let_slip():
-                self._find_equilibrium(speeds)
+                closed = self.state.copy()
+                if not self._find_equilibrium(speeds):
+                    self.state[:] = closed  # and begins to slip from there
         self._check_substep()
         self._settle_sensors(start_time)
         self._call(start_time, 0.0, 0)
@@ -271,7 +273,7 @@ class Plant(KernelModel):
             raise InputError(f"solver.maximum_substep is {substep:g} s: the fastest motion of this plant, "
                              f"{fastest:.0f} 1/s, needs at most {STABLE / fastest:.3g} s")
 
-    def _find_equilibrium(self, speeds: np.ndarray) -> None:
+    def _find_equilibrium(self, speeds: np.ndarray) -> bool:
         """Twists, torques and tyre slip of steady rolling: every node accelerates with the vehicle.
 
         Newton's method on the rates. The vehicle keeps its speed; all other speeds may leave the
@@ -279,6 +281,9 @@ class Plant(KernelModel):
         accelerations, so the speeds need equations of their own. What a control lets slip has the
         capacity that it then holds. Lashes lie on the flank their torque asks for, shafts are in
         the stage of their twist.
+
+        Returns:
+            Whether there is such a state; with more torque than the tyres carry there is none.
         """
         net = self.network
         n_nodes = len(net.nodes)
@@ -321,7 +326,8 @@ class Plant(KernelModel):
                     [(residual(x + np.eye(1, x.size, j)[0] * h) - r) / h for j, h in enumerate(steps)])
                 delta = np.linalg.lstsq(jacobian, -r, rcond=None)[0]
                 x = x + delta
-                if np.abs(delta).max() < 1e-12 * (1.0 + np.abs(x).max()):
+                change = np.abs(delta).max() / (1.0 + np.abs(x).max())
+                if change < 1e-12:
                     break
             residual(x)
             torques = result[n:n + len(net.branches)]
@@ -331,18 +337,18 @@ class Plant(KernelModel):
             if not wrong:
                 break
         self._set_flanks()
+        return bool(change < 1e-9)
 
     def _let_slip(self) -> bool:
         """Whether a control lets something slip that sticks: the way its torque turns it, with as much capacity."""
-        net = self.network
-        _, torques = self.rates()
-        modes = self.state[net.modes]
-        controlled = [b for b, row in enumerate(self._branch_rows())
-                      if row[k.LAW] == k.SLIPPING and modes[b] == 0.0]
-        for b in controlled:
-            modes[b] = -1.0 if torques[b] < 0.0 else 1.0
-            self.state[self._branch_rows()[b, k.TWIST]] = abs(torques[b])
-        return bool(controlled)
+        modes, rows = self.state[self.network.modes], self._branch_rows()
+        controlled = np.flatnonzero((rows[:, k.LAW] == k.SLIPPING) & (modes == 0.0))
+        if not controlled.size:
+            return False
+        torques = self.rates()[1][controlled]
+        modes[controlled] = np.where(torques < 0.0, -1.0, 1.0)
+        self.state[rows[controlled, k.TWIST]] = np.abs(torques)
+        return True
 
     def _settle_sensors(self, start_time: float) -> None:
         """Sensors start as if the plant had been in its first state for long."""
