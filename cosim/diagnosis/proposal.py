@@ -26,9 +26,6 @@ _PROFILES = {
     "ramp": (220.0, ((1.0, -0.1), (4.5, 1.0))),
     "pulse_train": (220.0, ((1.0, -0.1), (1.05, 0.8), (2.0, 0.8), (2.05, -0.1), (3.0, -0.1), (3.05, 1.0), (4.0, 1.0),
                             (4.05, -0.1), (5.0, -0.1), (5.05, 0.6))),
-    # gently to and fro through the lash: of torques on either side of it each crossing tells something of its own
-    "sweep": (60.0, tuple((t, 0.33 - 0.67 * float(np.cos(2.0 * np.pi * (0.4 + 0.05 * t) * t)))
-                          for t in np.arange(0.0, DURATION, 0.1))),
     "coast_down": (120.0, ((0.0, -0.1), (7.0, -0.1))),
     "cruise": (120.0, ((0.0, 0.2), (7.0, 0.2))),
 }
@@ -192,10 +189,9 @@ def words(proposal: Proposal) -> str:
     def name(effects: Sequence[str]) -> str:
         return " with ".join(CATALOGUE[e].name.replace("_", " ") for e in effects) or "nothing wrong"
 
-    how = "swinging slowly between overrun and " * (proposal.kind == "sweep") or "to "
     way = ", on the same road the other way (back = true)" * proposal.back
     one, other = (name(fit.effects) for fit in proposal.nearest)
-    found = (f"{how}{proposal.torque:.0f} N.m from {3.6 * proposal.speed:.0f} km/h{way}: {one} and {other} then differ "
+    found = (f"to {proposal.torque:.0f} N.m from {3.6 * proposal.speed:.0f} km/h{way}: {one} and {other} then differ "
              f"by {proposal.separation_sigma:.1f} sigma")
     enough = proposal.separation_sigma > APART
     return found if enough else found + ", too little to tell them apart, and nothing that was tried does more"
