@@ -10,7 +10,7 @@ change of torque goes into the slip first: shuffle meets a clutch that gives. Wh
 is dry friction like any other and may stick. With s0 = 0 there is no such control.
 
 The two numbers of the control are found by tuning: one degree of freedom, the engine against the measured turbine
-speed and torque, on four stretches of a drive with a 6L80 (128 s together): 2.20 rad/s, 19 N.m, 0.17 s leave 0.77 of
+speed and torque, on four stretches of a drive with a 6L80 (171 s together): 2.20 rad/s, 19 N.m, 0.17 s leave 0.77 of
 1.37 rad/s, whatever the fit began from.
 """
 
