@@ -188,6 +188,8 @@ def healthy(car, runs, starts, random, count=20):
                      "engine.air_lag", "engine.friction_constant", "final_drive.loss_constant",
                      "tyre.relaxation_length", "differential_case.damping"):
             values[name] *= np.exp(0.04 * random.standard_normal())
+        coast = "asymmetric_friction.coast_loss_fraction"
+        values[coast] = max(values[coast], -values["final_drive.loss_fraction"])  # teeth that lose do not drive
         for run, start, found in zip(runs, starts, drawn):
             wander = lfilter([0.14], [1.0, -0.99], random.standard_normal(len(run.inputs)))
             nuisance = Nuisance(start + 0.02 * random.standard_normal(), 1e-3 * random.standard_normal(),
