@@ -127,7 +127,7 @@ class Bench(Plant):
         for name, branch in list(net.branches.items()):
             number = list(net.branches).index(name)
             net.output(f"{name}_torque", Term(k.TORQUE, number))
-            if branch.law in (k.FRICTION, k.SLIPPING, k.LASH):
+            if branch.law in (*k.DRY, k.LASH):
                 net.output(f"{name}_mode", Term(k.CONTACT_MODE, number))
             if branch.law == k.LASH:
                 net.output(f"{name}_lash", Term(k.LASH_ANGLE, number))

@@ -388,9 +388,8 @@ class Search:
         starts += [_renamed(leader, s) for s in further[:_BESIDE]]
         stuck = self._stuck(leader, promising) if noise is self.noise else []
         self._enter([self._refined(start, noise) for start in starts])
-        for causes in stuck:  # its score counts with derivatives of its own, as that of the one it may replace does
-            start = self.fitter.assess(self.start(leader, causes, evidence), noise)
-            self._enter([self.fitter.settle(self._refined(start, noise), noise, everything=False)])
+        for causes in stuck:
+            self._enter([self._settled(leader, causes, evidence)])
         return promising
 
     def _advised(self, leader: Fit, promising: Mapping[tuple[str, ...], float]) -> list[Fit]:
@@ -411,9 +410,15 @@ class Search:
                     advice[causes] = lead, fit, evidence
         best = sorted(advice, key=lambda causes: -advice[causes][0])[:_ADVISED]
         self.tried.update(best)
-        starts = (self.fitter.assess(self.start(fit, causes, evidence), self.noise)
-                  for causes, (_, fit, evidence) in ((causes, advice[causes]) for causes in best))
-        return [self.fitter.settle(self._refined(start, self.noise), self.noise, everything=False) for start in starts]
+        return [self._settled(fit, causes, evidence) for causes in best for _, fit, evidence in [advice[causes]]]
+
+    def _settled(self, fit: Fit, causes: tuple[str, ...], evidence: Evidence) -> Fit:
+        """A supposition fitted from where the derivatives of another place it.
+
+        Its score counts with derivatives of its own, as that of the one it may replace does.
+        """
+        start = self.fitter.assess(self.start(fit, causes, evidence), self.noise)
+        return self.fitter.settle(self._refined(start, self.noise), self.noise, everything=False)
 
     def _added(self, leader: Fit, further: Sequence[tuple[str, ...]]) -> list[str]:
         """The most promising further causes: where the derivatives place them the lash may be crossed otherwise."""

@@ -111,7 +111,7 @@ def disturbances(predictor: Predictor, fit: Fit, noise: Noise, places: Collectio
 
 def _is_own(variable: str, place: str) -> bool:
     """Whether a torque at a place goes with a variable rather than with another that does the same."""
-    return variable == ("twist" if place == "within the axle shafts" else SHAFT_TORQUE)
+    return variable == ("twist" if PLACES[place].shaft else SHAFT_TORQUE)
 
 
 def goes_with(table: Mapping[str, np.ndarray], follows: str = "") -> tuple[str, str, float]:

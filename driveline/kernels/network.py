@@ -54,6 +54,7 @@ REACTION = 9   # gain; torque = gain * torque of the reference branch, which doe
 TWO_STAGE = 10 # stiffness, damping, ratio of the first stage, its twist
 RIPPLE = 11    # amplitude, order, phase; reference: place of the angle
 SLIPPING = 12  # as FRICTION, then torque, target and reset time of the control that holds its slip
+DRY = (FRICTION, SLIPPING)  # what may stick
 
 # Columns of a branch in `plan`.
 LAW, NODE_A, NODE_B, TWIST, PARAMETER, SIGNAL, REFERENCE, MODE = range(8)
@@ -107,7 +108,7 @@ def work_size(nodes, branches, continuous, signals, active, outputs):
 
 
 @kernel
-def full_capacity(plan, work, row, y, signal):
+def friction_capacity(plan, work, row, y, signal):
     """Kinetic torque capacity [N.m or N] of a dry friction branch, if no control makes it less."""
     p = plan[row + PARAMETER]
     capacity = work[p + 2] * work[signal + plan[row + SIGNAL]]
@@ -117,11 +118,8 @@ def full_capacity(plan, work, row, y, signal):
 
 
 @kernel
-def friction_capacity(plan, work, row, y, signal, mode, slip):
-    """Kinetic torque capacity [N.m or N] of a dry friction branch."""
-    full = full_capacity(plan, work, row, y, signal)
-    if plan[row + LAW] != SLIPPING:
-        return full
+def slipping_capacity(plan, work, row, y, mode, slip, full):
+    """What the control of a SLIPPING branch makes of its capacity."""
     p = plan[row + PARAMETER]
     return controlled_capacity(mode, slip, work[y + plan[row + TWIST]], work[p + 8], work[p + 7], full)
 
@@ -174,9 +172,10 @@ def rates(plan, work, y, dy, signal, torque, torque_b, modes, matrix):
             supplied += t * turned
         elif law == FRICTION or law == SLIPPING:
             mode = work[modes + b]
-            capacity = friction_capacity(plan, work, row, y, signal, mode, rate)
+            capacity = friction_capacity(plan, work, row, y, signal)
             if law == SLIPPING:
-                full = full_capacity(plan, work, row, y, signal)
+                full = capacity
+                capacity = slipping_capacity(plan, work, row, y, mode, rate, full)
                 work[dx] = held_rate(mode, rate, work[x], capacity, work[p + 8], work[p + 7], work[p + 9], full)
             t = friction_torque(mode, rate, capacity, directional_drag(rate, work[p + 4], work[p + 6]))
             t_b = t
@@ -335,7 +334,9 @@ def guard(plan, work, y, signal, torque, modes, b):
                           work[p + 2], work[p + 3], work[p + 4])
     if plan[row + LAW] == TWO_STAGE:
         return two_stage_guard(work[modes + b], work[y + plan[row + TWIST]], work[p + 5])
-    capacity = friction_capacity(plan, work, row, y, signal, work[modes + b], rate)
+    capacity = friction_capacity(plan, work, row, y, signal)
+    if plan[row + LAW] == SLIPPING:
+        capacity = slipping_capacity(plan, work, row, y, work[modes + b], rate, capacity)
     return friction_guard(work[modes + b], rate, work[torque + b], capacity, capacity * work[p + 3])
 
 

@@ -341,7 +341,7 @@ class Assembly:
             for number in branch.numbers:
                 put(number)
             reference = branch.reference
-            if branch.law in (k.FRICTION, k.SLIPPING) and reference >= 0:
+            if branch.law in k.DRY and reference >= 0:
                 reference = levels[lag_names[reference]]
             if branch.law == k.RIPPLE:
                 reference = integral_places[reference]
@@ -384,7 +384,7 @@ class Assembly:
         plan[k.NODES], plan[k.BRANCHES], plan[k.CONTINUOUS] = n_nodes, n_branches, n
         plan[k.LAGS], plan[k.INTEGRALS], plan[k.TERMS] = len(lag_rows), len(integral_rows), len(term_rows)
         plan[k.OUTPUTS], plan[k.GEAR_ROWS], plan[k.INPUTS] = len(names), len(gear_rows), len(self.inputs)
-        switches = [b for b, row in enumerate(rows) if row[0] in (k.LASH, k.FRICTION, k.SLIPPING, k.TWO_STAGE)]
+        switches = [b for b, row in enumerate(rows) if row[0] in (k.LASH, *k.DRY, k.TWO_STAGE)]
         plan[k.SWITCHES] = len(switches)
         plan[k.CHANNELS], plan[k.SECTIONS] = len(channel_rows), len(self.sections)
         plan[k.ACTIVE_SIZE], plan[k.GEARS], plan[k.INERTIA] = len(active), self.gears, inertia

@@ -199,7 +199,7 @@ class Plant(KernelModel):
         modes = self.state[net.modes]
         scale = 1e-9 * max(1.0, np.abs(self.state[:len(net.nodes)]).max())
         for b, (row, rate) in enumerate(zip(self._branch_rows(), self.branch_rates(), strict=True)):
-            if row[k.LAW] in (k.FRICTION, k.SLIPPING):
+            if row[k.LAW] in k.DRY:
                 modes[b] = 0.0 if abs(rate) <= scale else np.sign(rate)
             elif row[k.LAW] == k.LASH:
                 modes[b] = 1.0
@@ -300,7 +300,7 @@ class Plant(KernelModel):
         body = net.nodes[self.body]
         unknown = [i for i in range(n_nodes) if i != body] + twisted + settled
         shape = speeds / speeds[body]
-        stuck = [b for b, r in enumerate(rows) if r[k.LAW] in (k.FRICTION, k.SLIPPING) and modes[b] == 0.0]
+        stuck = [b for b, r in enumerate(rows) if r[k.LAW] in k.DRY and modes[b] == 0.0]
         slips = self.kinematics()[stuck]
         n = int(net.plan[k.CONTINUOUS])
         result = np.zeros(2 * n)

@@ -265,7 +265,7 @@ def _rates(t, y, p, torque_times, torque):
     if q.slip_target > 0.0:  # proportional and integral control, which does not wind up
         more = q.slip_torque * (abs(slip) / q.slip_target - 1.0)
         asked = y[LOCKUP_HELD] + more
-        if not (asked <= 0.0 and y[LOCKUP_HELD] <= 0.0 and more < 0.0) and not (asked >= limit and more > 0.0):
+        if not (y[LOCKUP_HELD] <= 0.0 and more < 0.0) and not (asked >= limit and more > 0.0):
             d[LOCKUP_HELD] = more / q.slip_reset_time
         limit = min(max(asked, 0.0), limit)
     if q.other:

@@ -77,6 +77,11 @@ class Place:
     unit: str = "N.m"
     turned: str = ""
 
+    @property
+    def shaft(self) -> bool:
+        """Whether it is a torque within a shaft."""
+        return any(share < 0.0 for share in self.nodes.values())
+
 
 # Within the propeller shaft or the tyres would do the same to all speeds: one after the other, they twist alike. What
 # a torque within the transmission does depends on which flank its teeth are; what turns the gears, as a housing that
