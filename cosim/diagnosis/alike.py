@@ -2,7 +2,8 @@
 
 On a road without turns nothing tells a slope from rolling resistance. Fitting both to find that out costs as much as
 finding the cause, and which of them ends up a little better is luck. So of those that the derivatives at the vehicle
-file cannot tell apart only one is looked for; the others are put in its place when it was found.
+file cannot tell apart only one is looked for, that which can be largest to either side; the others are put in its place
+when it was found.
 """
 
 from __future__ import annotations
@@ -28,7 +29,8 @@ def alike(evidence: Evidence, coordinates: Sequence[Coordinate], causes: Sequenc
             other.
 
     Returns:
-        Groups of two or more, in the order of ``causes``.
+        Groups of two or more. First of each is the cause that does most at its bounds, to either side: what drags
+        can stand for a slope uphill, not for one downhill.
     """
     sizes = {cause: _sizes(coordinates, cause) for cause in causes}
     plain = prior(coordinates, ())
@@ -44,7 +46,8 @@ def alike(evidence: Evidence, coordinates: Sequence[Coordinate], causes: Sequenc
                 break
         else:
             groups.append((cause,))
-    return [group for group in groups if len(group) > 1]
+    reach = {cause: _reach(evidence, coordinates, cause) for cause in shown}
+    return [tuple(sorted(group, key=lambda cause: -reach[cause])) for group in groups if len(group) > 1]
 
 
 def instead(evidence: Evidence, coordinates: Sequence[Coordinate], shared: np.ndarray, gone: str,
@@ -72,6 +75,17 @@ def _sizes(coordinates: Sequence[Coordinate], cause: str) -> list[np.ndarray]:
         size[i] = LARGE * coordinates[i].parameter.detection
         found.append(size)
     return found
+
+
+def _reach(evidence: Evidence, coordinates: Sequence[Coordinate], cause: str) -> float:
+    """What a cause shows at its nearer bound [sigma], of several parameters the one that shows least there."""
+    plain, found = prior(coordinates, ()), []
+    for i, c in enumerate(coordinates):
+        if c.cause == cause:
+            end = np.zeros(len(coordinates))
+            end[i] = min(-c.low, c.high)
+            found.append(evidence.separation(end, plain))
+    return min(found)
 
 
 def _imitates(evidence: Evidence, coordinates: Sequence[Coordinate], sizes: Sequence[np.ndarray], other: str) -> bool:

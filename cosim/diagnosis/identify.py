@@ -100,7 +100,7 @@ class Search:
     Attributes:
         pool: What was fitted so far, by its causes.
         file: The vehicle file as it is, and ``first``, what the runs say there.
-        causes: Which are looked for: of those that are ``alike`` the first.
+        causes: Which are looked for: of each group of ``alike`` the first.
         judged: The causes of the settled leader whose noise it is compared under; None before there is one.
         plain, noise: That noise, and the same with doubts.
         challenged: The leader that was challenged last.
@@ -309,7 +309,7 @@ class Search:
         """What does the same as a cause of the leader or of a rival, in its place: fitted from where it does.
 
         By derivatives these recordings do not tell them apart. So what their scores and hopes differ by is how far each
-        fit got, and counts for neither.
+        fit got, and counts for neither; but for one that would have to be larger than it can be.
         """
         leader, *others = self.worthy()
         layout = self.fitter.layout
@@ -318,14 +318,17 @@ class Search:
             same = [fit]
             for gone, other in self._swaps(fit):
                 change = instead(self.first, self.coordinates, fit.shared, gone, other)
-                there = [np.clip(x + change, layout.low, layout.high) for x in (fit.shared, *fit.points)]
+                wanted = [x + change for x in (fit.shared, *fit.points)]
+                there = [np.clip(x, layout.low, layout.high) for x in wanted]
                 causes = _key((*(cause for cause in fit.causes if cause != gone), other))
                 start = self.fitter.placed(fit, causes, there[0], there[1:])
                 if start is not None:
                     twin = self._refined(start, self.noise)
                     twin = self.fitter.settle(twin, self.noise, everything=False) if fit is leader else twin
                     self.pool[causes] = twin
-                    same.append(twin)
+                    mine = self.predictor.index(other)
+                    if np.array_equal(there[0][mine], wanted[0][mine]):
+                        same.append(twin)
             score, hope = max(twin.score for twin in same), max(twin.hope for twin in same)
             for twin in same:
                 twin.score, twin.hope = score, hope

@@ -1,5 +1,7 @@
 """Which causes do the same is seen before anything is fitted; what takes another's place does what that did."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -14,7 +16,7 @@ CAUSES = ("slope", "rolling", "mass", "hidden", "swing", "late")
 
 def coordinate(cause, run=None, probes=()):
     p = factor(cause, cause, unit="1", meaning="", spread=1.0, limits=(0.1, 10.0), detection=DETECTION, probes=probes)
-    return Coordinate(cause, cause, cause, run, p, 0.2 * DETECTION, 1.0, 0.1)
+    return Coordinate(cause, cause, cause, run, p, 0.2 * DETECTION, 1.0, 0.1, -2.0, 2.0)
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +34,15 @@ def problem():
 
 def test_what_does_the_same_is_a_group_and_nothing_else_is(problem):
     coordinates, _, evidence = problem
-    assert alike(evidence, coordinates, CAUSES) == [("slope", "rolling")]
+    assert [set(group) for group in alike(evidence, coordinates, CAUSES)] == [{"slope", "rolling"}]
+
+
+@pytest.mark.parametrize(("low", "first"), [(-2.0, "rolling"), (0.0, "slope")])
+def test_what_can_be_large_to_both_sides_stands_for_its_group(problem, low, first):
+    """Rolling shows 1.5 times what slope does, but what only drags cannot stand for a slope downhill."""
+    coordinates, _, evidence = problem
+    bounded = [replace(c, low=low) if c.cause == "rolling" else c for c in coordinates]
+    assert alike(evidence, bounded, CAUSES)[0][0] == first
 
 
 def test_a_group_needs_each_to_imitate_every_other():
