@@ -92,8 +92,8 @@ def diagnose_bench(plant: RigidPlant, runs: Sequence[Run], reserved: Sequence[Ru
     if reserved:
         say("measuring the gain on " + ", ".join(run.name for run in reserved))
         untouched = _traces(Torques(plant, reserved, inverse.band), after, skew)
-        finding["gain"] = gained([Gain.of(run, channel, *courses[1:], inverse.sigma[channel])
-                                  for (run, channel), courses in untouched.items()])
+        finding["gain"] = gained([Gain.of(run, channel, *courses, inverse.sigma[channel])
+                                  for (run, channel), courses in untouched.items()], len(inverse.names))
         traces |= untouched
     else:
         notices.append("no recording is left over to measure the gain on")

@@ -18,7 +18,7 @@ from cosim.diagnosis.bench import diagnose_bench
 from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.detectable import would_show
 from cosim.diagnosis.evidence import Layout
-from cosim.diagnosis.finding import gained
+from cosim.diagnosis.finding import gained, unconfirmed
 from cosim.diagnosis.fitting import Fit, Fitter, as_found
 from cosim.diagnosis.identify import APART, Identification, Search
 from cosim.diagnosis.localise import disturbances, goes_with
@@ -102,6 +102,8 @@ def diagnose(path: Path, out: Path | None = None, *, workers: int | None = None,
         _bench(diagnosis, car, out, say)
     else:
         _driveline(diagnosis, car, out, workers or len(os.sched_getaffinity(0)), say, build)
+    if (doubt := unconfirmed(diagnosis.finding["gain"])) is not None:
+        diagnosis.notices.append(doubt)
     diagnosis.wrong = diagnosis.finding["wrong"]
     diagnosis.seconds = time.perf_counter() - began
     diagnosis.finding["notices"], diagnosis.finding["run_seconds"] = diagnosis.notices, diagnosis.seconds
@@ -375,4 +377,5 @@ def _extend(diagnosis: Diagnosis, predictor: Predictor, found: Identification, o
         for name, clock in run.clocks.items():
             before, after = (car.instruments(car.raw(v, run), v, run)[run.slices[name]] for v in (car.values, values))
             diagnosis.traces[(run.name, name)] = (clock, run.measured[name], before, after)
-    diagnosis.finding["gain"] = {**gained(rows), "estimators": profit(car.source, changes, reserved)}
+    tried = len({c.effect for c in predictor.coordinates if c.effect})
+    diagnosis.finding["gain"] = {**gained(rows, tried), "estimators": profit(car.source, changes, reserved)}

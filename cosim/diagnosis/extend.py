@@ -117,7 +117,7 @@ def gain(runs: Iterable[Run], simulate: Callable[[bool, Run], Mapping[str, np.nd
         for name, clock in run.clocks.items():
             if name in floors:
                 shown = (observe(y, run.time, known, name, clock) for y, known in zip(raw, values))
-                rows.append(Gain.of(run.name, name, run.measured[name], *shown, floors[name]))
+                rows.append(Gain.of(run.name, name, clock, run.measured[name], *shown, floors[name]))
     return rows
 
 

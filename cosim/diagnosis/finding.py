@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
 
+from cosim.diagnosis.regression import remaining
+
+BLOCK = 0.5  # s of a recording that stand together where errors before and after are paired
 NOTHING = "nothing"  # for what a missing torque goes with
 _WHAT = {"N": "force", "N.m": "torque", "rad": "twist"}  # that is missing, by its unit
 
@@ -35,6 +38,7 @@ class Gain:
     Attributes:
         run, signal: Which.
         nrmse_before, nrmse_after, noise_floor: Root mean square error over the measured range.
+        blocks: Logarithm of the ratio of errors after and before in every block of time, by its place in the recording.
     """
 
     run: str
@@ -42,18 +46,52 @@ class Gain:
     nrmse_before: float
     nrmse_after: float
     noise_floor: float
+    blocks: Mapping[int, float] = field(repr=False)
 
     @classmethod
-    def of(cls, run: str, signal: str, measured: np.ndarray, before: np.ndarray, after: np.ndarray,
+    def of(cls, run: str, signal: str, clock: np.ndarray, measured: np.ndarray, before: np.ndarray, after: np.ndarray,
            floor: float) -> Gain:
         """From the channel and what was simulated, alike in clock and unit; ``floor`` is its noise in that unit."""
-        span = float(np.ptp(measured))
-        errors = (float(np.sqrt(np.mean((measured - simulated) ** 2))) / span for simulated in (before, after))
-        return cls(run, signal, *errors, floor / span)
+        span, squares = float(np.ptp(measured)), [(measured - simulated) ** 2 for simulated in (before, after)]
+        errors = (float(np.sqrt(np.mean(square))) / span for square in squares)
+        place = np.floor(clock / BLOCK).astype(int)
+        blocks = {int(k): 0.5 * float(np.log(np.divide(*(max(np.mean(square[place == k]), np.finfo(float).tiny)
+                                                         for square in reversed(squares)))))
+                  for k in np.unique(place)}
+        return cls(run, signal, *errors, floor / span, blocks)
 
 
-def gained(rows: Sequence[Gain]) -> dict[str, Any]:
-    """The part ``gain`` of a finding."""
+def gained(rows: Sequence[Gain], tried: int) -> dict[str, Any]:
+    """The part ``gain`` of a finding.
+
+    Args:
+        rows: Of every channel of the recordings that were not used.
+        tried: How many effects could have been found.
+
+    Returns:
+        As the contract has it, and ``remains``: what is left of the error, mean over signals and blocks of time, with
+        its 95 % interval; None for too little time.
+    """
+    left = remaining(_paired(rows), tried)
     return {"held_out": [{"manoeuvre": row.run, "signal": row.signal, "nrmse_before": row.nrmse_before,
                           "nrmse_after": row.nrmse_after, "noise_floor": row.noise_floor} for row in rows],
-            "fraction_of_noise_floor": float(np.median([row.nrmse_after / row.noise_floor for row in rows]))}
+            "fraction_of_noise_floor": float(np.median([row.nrmse_after / row.noise_floor for row in rows])),
+            "remains": left and {**asdict(left), "tried": tried}}
+
+
+def _paired(rows: Sequence[Gain]) -> np.ndarray:
+    """Mean change of all signals in every block of every recording, in their order."""
+    together: dict[tuple[str, int], list[float]] = {}
+    for row in rows:
+        for place, change in row.blocks.items():
+            together.setdefault((row.run, place), []).append(change)
+    return np.array([np.mean(together[key]) for key in sorted(together)])
+
+
+def unconfirmed(gain: Mapping[str, Any] | None) -> str | None:
+    """That recordings which were not used do not confirm what was found; None where they do or there are none."""
+    left = gain and gain["remains"]
+    if not left or left["high"] < 1.0:
+        return None
+    return (f"the recording kept back does not confirm it: the error that remains is {100.0 * left['share']:.0f} % "
+            f"[{100.0 * left['low']:.0f}, {100.0 * left['high']:.0f} %] of what it was")

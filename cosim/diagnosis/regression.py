@@ -13,6 +13,8 @@ import numpy as np
 from scipy.signal import cheby1, sosfiltfilt
 from scipy.stats import t as student
 
+_FEWEST = 8  # blocks that say what is left of an error
+
 
 @dataclass(frozen=True)
 class Band:
@@ -79,6 +81,46 @@ def paired(before: np.ndarray, after: np.ndarray) -> float:
     if gain.size < 3 or not np.std(gain) > 0.0:
         return 1.0
     return float(student.sf(gain.mean() / (gain.std(ddof=1) / np.sqrt(gain.size)), gain.size - 1))
+
+
+@dataclass(frozen=True)
+class Remaining:
+    """What is left of an error: ratio of root mean squares after and before, geometric mean over blocks of time.
+
+    Attributes:
+        share: That ratio; 1 where nothing was gained.
+        low, high: 95 % interval, wider for having tried many.
+        blocks: How many there are.
+        alone: How many of them count, as neighbours are alike.
+    """
+
+    share: float
+    low: float
+    high: float
+    blocks: int
+    alone: float
+
+
+def remaining(change: np.ndarray, tried: int = 1) -> Remaining | None:
+    """What is left of errors in pairs of blocks; None for fewer than ``_FEWEST``.
+
+    Neighbours that are alike count as fewer, as those of a first order process; of a few blocks that is seen too small
+    (Kendall 1954 says by how much).
+
+    Args:
+        change: Logarithm of the ratio of root mean squares, block by block.
+        tried: Of how many explanations the errors after are those of the one chosen (Bonferroni).
+    """
+    count = change.size
+    if count < _FEWEST:
+        return None
+    e = change - change.mean()
+    alike = float(e[1:] @ e[:-1]) / max(float(e @ e), np.finfo(float).tiny)
+    alike = float(np.clip((count * alike + 1.0) / (count - 4.0), 0.0, 0.9))
+    alone = max(count * (1.0 - alike) / (1.0 + alike), 3.0)
+    reach = float(student.isf(0.025 / tried, alone - 1.0)) * float(change.std(ddof=1)) / np.sqrt(alone)
+    share, low, high = (float(np.exp(change.mean() + side * reach)) for side in (0.0, -1.0, 1.0))
+    return Remaining(share, low, high, count, alone)
 
 
 def dependence(errors: np.ndarray, lags: int = 10) -> float:

@@ -347,7 +347,8 @@ def _gain(gain: Mapping[str, Any] | None) -> dict[str, Any] | None:
     return {"before": f"{np.median([r[1] for r in rows]):.2g}", "after": f"{np.median([r[2] for r in rows]):.2g}",
             "svg": Markup(svg.dumbbells(rows, "error before and after, signal by signal")),
             "rows": [{**row, "signal": _words(row["signal"])} for row in gain["held_out"]],
-            "fraction": gain.get("fraction_of_noise_floor"), "estimators": gain.get("estimators") or []}
+            "fraction": gain.get("fraction_of_noise_floor"), "remains": gain.get("remains"),
+            "estimators": gain.get("estimators") or []}
 
 
 def _disturbances(unknown: Mapping[str, Any] | None, table: Mapping[str, Any]) -> list[dict[str, Any]]:

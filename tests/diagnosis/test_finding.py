@@ -1,0 +1,73 @@
+"""The gain of a finding: errors before and after in pairs of blocks, and what they prove."""
+
+import json
+
+import numpy as np
+import pytest
+
+from cosim.diagnosis.finding import BLOCK, Gain, gained, unconfirmed
+from cosim.diagnosis.regression import remaining
+
+CLOCK = np.arange(0.0, 7.0, 0.01)
+
+
+def row(run="tip_in", signal="engine_speed", after=0.3, clock=CLOCK, seed=0):
+    """A channel whose error is ``after`` times what it was, under noise that the simulation cannot have."""
+    random = np.random.default_rng(seed)
+    measured, noise = 100.0 * np.sin(clock), random.standard_normal(clock.size)
+    return Gain.of(run, signal, clock, measured, measured + noise, measured + after * noise, 0.1)
+
+
+def test_the_interval_holds_the_true_ratio_as_often_as_it_says():
+    """And not less often where neighbours are alike."""
+    random = np.random.default_rng(1)
+    for memory, count in ((0.0, 14), (0.0, 40), (0.5, 14), (0.5, 40), (0.8, 40)):
+        hits = []
+        for _ in range(400):
+            noise = random.standard_normal(count)
+            for k in range(1, noise.size):
+                noise[k] = memory * noise[k - 1] + np.sqrt(1.0 - memory**2) * noise[k]
+            left = remaining(np.log(0.5) + 0.4 * noise)
+            hits.append(left.low <= 0.5 <= left.high)
+        assert 0.9 < np.mean(hits) < 0.99
+
+
+def test_trying_many_makes_it_wider():
+    change = np.log(0.5) + 0.4 * np.random.default_rng(2).standard_normal(14)
+    one, many = remaining(change), remaining(change, 30)
+    assert one.share == many.share and many.low < one.low < one.high < many.high
+
+
+def test_too_little_time_says_nothing():
+    assert remaining(np.array([-1.0, -1.1])) is None
+    assert gained([row(clock=CLOCK[:90])], 1)["remains"] is None
+
+
+def test_what_remains_is_what_is_left_of_the_error():
+    left = gained([row(), row(signal="wheel_speed", seed=1), row("ramp", seed=2)], 30)["remains"]
+    assert [left[key] for key in ("share", "low", "high")] == pytest.approx([0.3] * 3)
+    assert left["blocks"] == 2 * 7.0 / BLOCK and left["tried"] == 30
+
+
+def test_gaps_and_other_clocks_are_no_blocks():
+    gap = CLOCK[(CLOCK < 2.0) | (CLOCK > 4.0)]
+    told = gained([row(clock=gap), row(signal="wheel_speed", clock=CLOCK[::3], seed=1)], 1)
+    assert told["remains"]["blocks"] == 14 and told["remains"]["share"] == pytest.approx(0.3)
+    assert gained([row(clock=gap)], 1)["remains"]["blocks"] == 10
+
+
+def test_a_gain_that_blocks_do_not_show_is_not_confirmed():
+    random = np.random.default_rng(3)
+    measured, noise = 100.0 * np.sin(CLOCK), random.standard_normal(CLOCK.size)
+    same = Gain.of("tip_in", "engine_speed", CLOCK, measured, measured + noise, measured - noise[::-1], 0.1)
+    assert "does not confirm" in unconfirmed(gained([same], 30))
+    assert unconfirmed(gained([row()], 30)) is None and unconfirmed(None) is None
+    assert unconfirmed(gained([row(clock=CLOCK[:90])], 30)) is None
+
+
+def test_errors_of_nothing_are_numbers_still():
+    """A channel that nothing changes, one that was exact and one that becomes so."""
+    flat = np.sin(CLOCK)
+    rows = [Gain.of("tip_in", name, CLOCK, flat, flat + before, flat + after, 0.1)
+            for name, before, after in (("a", 1.0, 1.0), ("b", 0.0, 0.0), ("c", 1.0, 0.0))]
+    assert json.dumps(gained(rows, 30), allow_nan=False)
