@@ -3,7 +3,8 @@
 Everything that may be estimated is a ``Coordinate``; a vector of them is what fits and evidence work on, and 0
 everywhere is the vehicle file. Some belong to all runs: the parameters of the catalogue's effects, and the
 other numbers of the file, which are known to some per cent only. Some belong to one run: its start speed,
-slope and torque bias, and the two components of what swings with an angle whose phase nobody knows.
+slope and torque bias, what its torque was where frames are lost, and the two components of what swings with an
+angle whose phase nobody knows.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from driveline.quantities import InputError
 # What differs from run to run: standard deviation, step of the differences.
 RUN_NUISANCES = {"start_speed": (0.3, 0.006), "grade": (0.001, 1.5e-4), "torque": (1.0, 0.15)}
 WANDERS = "torque_wander"  # the name of the heights of the hats that the engine torque wanders by
+FILLED = "torque_filled"  # and of what it was in gaps
 HEALTHY = 0.04  # by how much other numbers of the file are wrong, one sigma of the logarithm
 # What the catalogue can name is right in a healthy car but for this share of what shows.
 TOLERANCE = 0.2
@@ -115,6 +117,8 @@ def coordinates(car: FullOrderCar, runs: Sequence[Run],
     for r in range(len(runs)):
         found += [Coordinate(name, "", "", r, None, spread, spread, step)
                   for name, (spread, step) in RUN_NUISANCES.items()]
+        found += [Coordinate(FILLED, "", "", r, None, gap.torque, gap.torque, WANDER, part=k)
+                  for k, gap in enumerate(runs[r].gaps)]
     for r, run in enumerate(runs):
         found += [Coordinate(WANDERS, "", "", r, None, WANDER, WANDER, WANDER, part=k) for k in range(hats(run).size)]
     return found
@@ -169,13 +173,13 @@ class Predictor:
         sizes: dict[str, dict[str, float]] = {}
         swings: dict[tuple[str, str, str], complex] = {}
         own: dict[str, float] = {}
-        heights: list[float] = []
+        heights: dict[str, list[float]] = {WANDERS: [], FILLED: []}
         values = dict(self.car.values)
         for c, x in zip(self.coordinates, u):
             if c.run is not None and c.run != run:
                 continue
-            if c.name == WANDERS:
-                heights.append(float(x))
+            if c.name in heights:
+                heights[c.name].append(float(x))
             elif c.parameter is None:
                 own[c.name] = float(x)
             elif x == 0.0:
@@ -193,7 +197,7 @@ class Predictor:
             values[phase] = float(np.angle(swing))
         for name, given in sizes.items():
             values |= CATALOGUE[name].changes(given, values)
-        return values, Nuisance(**own, wander=tuple(heights))
+        return values, Nuisance(**own, wander=tuple(heights[WANDERS]), filled=tuple(heights[FILLED]))
 
     def predict(self, u: np.ndarray, run: int, change: int | tuple[str, np.ndarray] | None = None) -> np.ndarray | None:
         """What the channels of a run should read, stacked; None where the plant refuses these values.

@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from cosim.diagnosis.observation import observe
+from cosim.diagnosis.plants.gaps import filled
 from cosim.diagnosis.plants.hats import row
 from cosim.diagnosis.plants.run import NONE, STEP, Nuisance, Run
 from cosim.measured import Manoeuvre, Measurement
@@ -102,6 +103,8 @@ class InstrumentedPlant:
         inputs[:, columns[self.driver]] += nuisance.torque + torque
         if nuisance.wander:
             inputs[:, columns[self.driver]] += row(run, np.array(nuisance.wander))
+        if nuisance.filled:
+            inputs[:, columns[self.driver]] += filled(run.gaps, nuisance.filled, run.time - STEP)
         if "road_grade" in columns:
             inputs[:, columns["road_grade"]] += nuisance.grade
         self._start(run, nuisance)

@@ -12,6 +12,7 @@ from scipy.interpolate import CubicSpline
 
 from cosim.diagnosis.observation import Errors
 from cosim.diagnosis.plants.base import InstrumentedPlant, compared
+from cosim.diagnosis.plants.gaps import Gap, gaps
 from cosim.diagnosis.plants.run import STEP, Nuisance, Run
 from cosim.measured import Manoeuvre, Measurement
 from driveline.kernels import network as k
@@ -24,6 +25,7 @@ log = logging.getLogger("cosim")
 SETTLE = 0.3  # what is not compared after the start [s]: the plant starts rolling steadily, the car need not
 LONGEST = 15.0  # a longer recording is cut [s]: start speed and grade are constant within a run
 RUNS = 6  # at most so many stretches of one long recording
+_IMPULSE = 0.1  # N.m.s: a gap in which less may have been lost is no more than the torque wanders by
 LOCKED = 8.0  # rad/s: a lock-up clutch that is closed slips less, by its control, through a step of torque too
 
 
@@ -237,8 +239,21 @@ class FullOrderCar(InstrumentedPlant):
         clocks, measured = compared(manoeuvre, present, start + SETTLE, start + STEP * (len(inputs) - 1))
         # a sensor that is not level shows the same offset either way
         graded = "road_grade" in manoeuvre
+        anchors = _anchors(manoeuvre)
         return Run(name, manoeuvre.kind, gear, start, inputs, speed, clocks, measured, graded,
-                   manoeuvre.back and not graded, _anchors(manoeuvre))
+                   manoeuvre.back and not graded, anchors, self._gaps(manoeuvre, anchors, start, stop))
+
+    def _gaps(self, manoeuvre: Manoeuvre, anchors: Mapping[str, CubicSpline], start: float,
+              stop: float) -> tuple[Gap, ...]:
+        """Where nobody knows the torque on the crankshaft: that of the engine, and what leads it.
+
+        Those of the vehicle speed do not count: next to its inertia what leads it is nothing in so short a time.
+        """
+        driver, leader = manoeuvre[self.driver], "engine_speed"
+        found = gaps(driver, driver.at, 1.0, start, stop, _IMPULSE)
+        if leader in anchors:
+            found += gaps(manoeuvre[leader], anchors[leader], ANCHORS[leader].gain, start, stop, _IMPULSE)
+        return tuple(found)
 
     def _overall(self, gear: int) -> float:
         return self.values["final_drive.ratio"] * self.values[f"transmission.ratio[{gear + 2}]"]
@@ -279,8 +294,8 @@ class FullOrderCar(InstrumentedPlant):
 
 def led_by(run: Run, raw: Mapping[str, np.ndarray]) -> Run:
     """A run led along what a simulation shows, as if that had been measured, by sensors without errors."""
-    return dataclasses.replace(run, anchors={name: CubicSpline(run.time, raw[name]) for name in ANCHORS
-                                             if name in run.clocks})
+    return dataclasses.replace(run, gaps=(), anchors={name: CubicSpline(run.time, raw[name]) for name in ANCHORS
+                                                      if name in run.clocks})
 
 
 def _anchors(manoeuvre: Manoeuvre) -> dict[str, CubicSpline]:

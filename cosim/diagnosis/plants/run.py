@@ -9,6 +9,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from cosim.diagnosis.effect import SLOPE
+from cosim.diagnosis.plants.gaps import Gap
 
 STEP = 1e-3  # communication step of the simulations [s]
 
@@ -22,12 +23,14 @@ class Nuisance:
         grade: Added to the road's slope [rad].
         torque: Added to the engine torque [N.m].
         wander: Heights of the hats that are added to it as well [N.m]; none for no such torque.
+        filled: What it was in the middle of each gap beside what was taken [N.m]; none for nothing.
     """
 
     start_speed: float = 0.0
     grade: float = 0.0
     torque: float = 0.0
     wander: tuple[float, ...] = ()
+    filled: tuple[float, ...] = ()
 
 
 NONE = Nuisance()
@@ -50,6 +53,7 @@ class Run:
         back: Whether the road was driven the other way than in the others, and its slope not recorded.
         anchors: Channels the simulation is led along, with what they are between their samples: a straight line cuts
             the peaks off, which acts as a damper. None: it runs freely.
+        gaps: Where frames are lost of what drives or leads it.
     """
 
     name: str
@@ -63,6 +67,7 @@ class Run:
     graded: bool = False
     back: bool = False
     anchors: Mapping[str, CubicSpline] = field(default_factory=dict)
+    gaps: tuple[Gap, ...] = ()
 
     @property
     def time(self) -> np.ndarray:

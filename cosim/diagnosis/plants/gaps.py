@@ -1,0 +1,72 @@
+"""Torque that was not recorded: where frames of what drives or leads a simulation are lost, it may have been another.
+
+A bus that is busy for 60 ms while the driver tips in hides when the torque rose: a straight line through the gap is
+off by tens of newton metres. What it was off by is an unknown of the run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cosim.measured import Channel
+
+_LOST = 1.5  # distances of frames: more, and one is missing
+
+
+@dataclass(frozen=True)
+class Gap:
+    """A span without frames.
+
+    Attributes:
+        begin, end: Of it [s].
+        torque: By how much the torque in its middle may be another than was taken, one sigma [N.m].
+    """
+
+    begin: float
+    end: float
+    torque: float
+
+
+def gaps(channel: Channel, taken: Callable[[np.ndarray], np.ndarray], gain: float, start: float, stop: float,
+         least: float) -> list[Gap]:
+    """The gaps of a channel in which nobody knows what it did.
+
+    As unknown as what was taken is from how either side would go on, within what the channel ever shows.
+
+    Args:
+        channel: What drives or leads.
+        taken: What it is taken for between its samples.
+        gain: Torque for a unit of it.
+        start, stop: Between which instants [s].
+        least: Which impulse is none [N.m.s].
+    """
+    found, low, high = [], float(channel.values.min()), float(channel.values.max())
+    for begin, end in channel.gaps(_LOST):
+        before, after = np.searchsorted(channel.time, [begin, end])
+        if not start < begin < end < stop or before < 1 or after + 1 >= channel.time.size:
+            continue
+        middle = 0.5 * (begin + end)
+        going_on = [value + (middle - at) * slope for at, value, slope in (
+            (begin, channel.values[before], _slope(channel, before - 1)),
+            (end, channel.values[after], _slope(channel, after)))]
+        off = np.abs(np.clip(going_on, low, high) - taken(np.array([middle]))).max()
+        gap = Gap(begin, end, float(gain * off))
+        if gap.torque * (end - begin) > least:
+            found.append(gap)
+    return found
+
+
+def _slope(channel: Channel, at: int) -> float:
+    return float((channel.values[at + 1] - channel.values[at]) / (channel.time[at + 1] - channel.time[at]))
+
+
+def filled(gaps: Sequence[Gap], heights: Sequence[float], time: np.ndarray) -> np.ndarray:
+    """The torque that was in the gaps beside what was taken, highest in their middle."""
+    torque = np.zeros(time.size)
+    for gap, height in zip(gaps, heights):
+        inside = (time > gap.begin) & (time < gap.end)
+        torque[inside] += height * np.sin(np.pi * (time[inside] - gap.begin) / (gap.end - gap.begin))
+    return torque
