@@ -41,6 +41,7 @@ STRANGE = 0.08
 MISSING = 40.0
 # What is missing elsewhere shows at one of them.
 WITNESSES = ("within the transmission", "propeller shaft", "within the axle shafts", "vehicle")
+TOLD = 1.0  # N.m.s: impulse that may be lost where frames are, from which on that is said
 SOMETHING_ELSE = 0.03  # probability that is left for what nobody thought of
 _COMPARED = 4  # rivals that a proposed manoeuvre has to tell from the best
 _DRAWS = 30  # healthy cars
@@ -140,6 +141,9 @@ def _notices(car: InstrumentedPlant, runs: list[Run], reserved: list[Run]) -> li
         "vehicle_speed": "without a vehicle speed tyre slip and rolling radius cannot be told"}
     if isinstance(car, FullOrderCar):
         notices += [text for name, text in blind.items() if name not in present]
+    notices += [f"{run.name}: no frames of {gap.channel.replace('_', ' ')} for {1e3 * (gap.end - gap.begin):.0f} ms at "
+                f"{gap.begin:.2f} s; what the torque was there is estimated"
+                for run in runs for gap in run.gaps if gap.impulse > TOLD]
     if not reserved:
         notices.append("fewer than three recordings: none is left over to measure the gain on")
     if len(runs) == 1:

@@ -52,8 +52,8 @@ def test_one_lost_frame_is_a_gap_only_where_it_matters():
 
 
 def test_what_fills_a_gap_stays_within_it():
-    gap, time = Gap(1.0, 1.2, 5.0), np.arange(0.0, 3.0, STEP)
-    torque = filled([gap, Gap(2.0, 2.1, 5.0)], [7.0, 0.0], time)
+    gap, time = Gap("engine_torque", 1.0, 1.2, 5.0), np.arange(0.0, 3.0, STEP)
+    torque = filled([gap, Gap("engine_speed", 2.0, 2.1, 5.0)], [7.0, 0.0], time)
     assert torque.max() == pytest.approx(7.0) and time[np.argmax(torque)] == pytest.approx(1.1, abs=STEP)
     assert np.sum(torque) * STEP == pytest.approx(7.0 * 0.2 * 2.0 / np.pi, rel=1e-3)
     assert not np.any(torque[(time <= 1.0) | (time >= 1.2)])

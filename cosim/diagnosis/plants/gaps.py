@@ -21,13 +21,20 @@ class Gap:
     """A span without frames.
 
     Attributes:
+        channel: Of which.
         begin, end: Of it [s].
         torque: By how much the torque in its middle may be another than was taken, one sigma [N.m].
     """
 
+    channel: str
     begin: float
     end: float
     torque: float
+
+    @property
+    def impulse(self) -> float:
+        """What may be lost in it [N.m.s]."""
+        return self.torque * (self.end - self.begin)
 
 
 def gaps(channel: Channel, taken: Callable[[np.ndarray], np.ndarray], gain: float, start: float, stop: float,
@@ -53,8 +60,8 @@ def gaps(channel: Channel, taken: Callable[[np.ndarray], np.ndarray], gain: floa
             (begin, channel.values[before], _slope(channel, before - 1)),
             (end, channel.values[after], _slope(channel, after)))]
         off = np.abs(np.clip(going_on, low, high) - taken(np.array([middle]))).max()
-        gap = Gap(begin, end, float(gain * off))
-        if gap.torque * (end - begin) > least:
+        gap = Gap(channel.name, begin, end, float(gain * off))
+        if gap.impulse > least:
             found.append(gap)
     return found
 
