@@ -54,10 +54,10 @@ class Gain:
         """From the channel and what was simulated, alike in clock and unit; ``floor`` is its noise in that unit."""
         span, squares = float(np.ptp(measured)), [(measured - simulated) ** 2 for simulated in (before, after)]
         errors = (float(np.sqrt(np.mean(square))) / span for square in squares)
-        place = np.floor(clock / BLOCK).astype(int)
-        blocks = {int(k): 0.5 * float(np.log(np.divide(*(max(np.mean(square[place == k]), np.finfo(float).tiny)
-                                                         for square in reversed(squares)))))
-                  for k in np.unique(place)}
+        place, blocks = np.floor(clock / BLOCK).astype(int), {}
+        for k in np.unique(place):
+            was, remains = (max(float(np.mean(square[place == k])), np.finfo(float).tiny) for square in squares)
+            blocks[int(k)] = 0.5 * float(np.log(remains / was))
         return cls(run, signal, *errors, floor / span, blocks)
 
 
