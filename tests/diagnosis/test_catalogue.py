@@ -12,6 +12,7 @@ from runs import plant, run, start_values, steps
 from cosim import cli
 from cosim.diagnosis import effects
 from cosim.diagnosis.catalogue import CATALOGUE, apply, apply_all, effect
+from cosim.diagnosis.hidden import drawn
 from cosim.diagnosis.observation import DEFAULTS, Errors
 from driveline.quantities import InputError
 
@@ -68,6 +69,14 @@ def test_a_parameter_is_neutral_inside_its_limits_and_names_what_there_is(one, p
     first = parameter.targets[0].replace("[*]", "[1]")
     if first in unit and parameter.nominal is None and parameter.physical(1.0, nominal())[2] != "1":
         assert parameter.unit == unit[first]
+
+
+@pytest.mark.parametrize("parameter", CATALOGUE["two_stage_stiffness"].parameters, ids=lambda p: p.name)
+def test_a_stage_is_looked_for_on_either_side_that_it_is_hidden_on(parameter):
+    """Derivatives say nothing of it while it is small, so only what is probed is found."""
+    hidden = {np.sign(parameter.coordinate(drawn(CATALOGUE["two_stage_stiffness"], np.random.default_rng(k))[
+        parameter.name])) for k in range(40)}
+    assert hidden <= {np.sign(parameter.coordinate(probe)) for probe in parameter.probes}
 
 
 @pytest.mark.parametrize("name", NAMES)
