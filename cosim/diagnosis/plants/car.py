@@ -26,6 +26,7 @@ SETTLE = 0.3  # what is not compared after the start [s]: the plant starts rolli
 LONGEST = 15.0  # a longer recording is cut [s]: start speed and grade are constant within a run
 RUNS = 6  # at most so many stretches of one long recording
 _IMPULSE = 0.1  # N.m.s: a gap in which less may have been lost is no more than the torque wanders by
+_GAPS = 6  # of a run that are estimated; a slow logger has one after the other, and each takes simulations
 LOCKED = 8.0  # rad/s: a lock-up clutch that is closed slips less, by its control, through a step of torque too
 
 
@@ -245,7 +246,7 @@ class FullOrderCar(InstrumentedPlant):
 
     def _gaps(self, manoeuvre: Manoeuvre, anchors: Mapping[str, CubicSpline], start: float,
               stop: float) -> tuple[Gap, ...]:
-        """Where nobody knows the torque on the crankshaft: that of the engine, and what leads it.
+        """Where nobody knows the torque on the crankshaft: that of the engine, and what leads it; the worst few.
 
         Those of the vehicle speed do not count: next to its inertia what leads it is nothing in so short a time.
         """
@@ -253,7 +254,7 @@ class FullOrderCar(InstrumentedPlant):
         found = gaps(driver, driver.at, 1.0, start, stop, _IMPULSE)
         if leader in anchors:
             found += gaps(manoeuvre[leader], anchors[leader], ANCHORS[leader].gain, start, stop, _IMPULSE)
-        return tuple(found)
+        return tuple(sorted(sorted(found, key=lambda gap: -gap.impulse)[:_GAPS], key=lambda gap: gap.begin))
 
     def _overall(self, gear: int) -> float:
         return self.values["final_drive.ratio"] * self.values[f"transmission.ratio[{gear + 2}]"]
