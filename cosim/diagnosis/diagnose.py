@@ -141,9 +141,13 @@ def _notices(car: InstrumentedPlant, runs: list[Run], reserved: list[Run]) -> li
         "vehicle_speed": "without a vehicle speed tyre slip and rolling radius cannot be told"}
     if isinstance(car, FullOrderCar):
         notices += [text for name, text in blind.items() if name not in present]
-    notices += [f"{run.name}: no frames of {gap.channel.replace('_', ' ')} for {1e3 * (gap.end - gap.begin):.0f} ms at "
-                f"{gap.begin:.2f} s; what the torque was there is estimated"
-                for run in runs for gap in run.gaps if gap.impulse > TOLD]
+    for run in runs:
+        lost = [gap for gap in run.gaps if gap.impulse > TOLD]
+        if lost:
+            names = " and ".join(sorted({gap.channel.replace("_", " ") for gap in lost}))
+            notices.append(f"{run.name}: frames of {names} are lost for up to "
+                           f"{1e3 * max(gap.end - gap.begin for gap in lost):.0f} ms where it changes; what the torque "
+                           "was there is estimated")
     if not reserved:
         notices.append("fewer than three recordings: none is left over to measure the gain on")
     if len(runs) == 1:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cosim.diagnosis.diagnose import _notices
 from cosim.diagnosis.fitting import Fitter
 from cosim.diagnosis.hidden import hide
 from cosim.diagnosis.plants import STEP, FullOrderCar, Nuisance
@@ -79,6 +80,28 @@ def without(measurement, name, begin, end):
     channels = {**manoeuvre.channels, name: replace(old, time=old.time[kept], values=old.values[kept])}
     car = FullOrderCar(measurement.vehicle, measurement.variant)
     return car, car.runs(replace(measurement, manoeuvres=(replace(manoeuvre, channels=channels),)))[0]
+
+
+def test_that_frames_are_lost_where_it_matters_is_told(recording):
+    measurement, corner = recording
+    told = []
+    for begin, end in ((corner - 0.05, corner + 0.05), (corner + 3.0, corner + 3.1)):
+        car, run = without(measurement, "engine_torque", begin, end)
+        told.append(" ".join(_notices(car, [run], [])))
+    assert "frames of engine torque are lost for up to 1" in told[0] and "engine torque" not in told[1]
+
+
+def test_a_slow_logger_has_a_few_gaps_not_sixty(recording):
+    measurement, _ = recording
+    [manoeuvre] = measurement.manoeuvres
+    old = manoeuvre.channels["engine_speed"]
+    kept = np.flatnonzero(np.arange(old.time.size) % 20 < 11)  # 100 ms with frames, 100 ms without
+    slow = replace(old, time=old.time[kept], values=old.values[kept])
+    car = FullOrderCar(measurement.vehicle, measurement.variant)
+    changed = replace(manoeuvre, channels={**manoeuvre.channels, "engine_speed": slow})
+    [run] = car.runs(replace(measurement, manoeuvres=(changed,)))
+    assert len(slow.gaps(1.5)) > 30 and 3 < len(run.gaps) <= 6
+    assert all(one.end <= other.begin for one, other in zip(run.gaps, run.gaps[1:]))
 
 
 @pytest.mark.parametrize("name, shown", [("engine_torque", 3.0), ("engine_speed", 1.2)])
