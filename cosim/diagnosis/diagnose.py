@@ -144,10 +144,9 @@ def _notices(car: InstrumentedPlant, runs: list[Run], reserved: list[Run]) -> li
     for run in runs:
         lost = [gap for gap in run.gaps if gap.impulse > TOLD]
         if lost:
-            names = " and ".join(sorted({gap.channel.replace("_", " ") for gap in lost}))
-            notices.append(f"{run.name}: frames of {names} are lost for up to "
-                           f"{1e3 * max(gap.end - gap.begin for gap in lost):.0f} ms where it changes; what the torque "
-                           "was there is estimated")
+            notices.append(f"{run.name}: frames of the torque are lost for up to "
+                           f"{1e3 * max(gap.end - gap.begin for gap in lost):.0f} ms where it changes; what it was "
+                           "there is estimated")
     if not reserved:
         notices.append("fewer than three recordings: none is left over to measure the gain on")
     if len(runs) == 1:

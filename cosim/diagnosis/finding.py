@@ -11,6 +11,7 @@ import numpy as np
 from cosim.diagnosis.regression import remaining
 
 BLOCK = 0.5  # s of a recording that stand together where errors before and after are paired
+_ANYTHING = 5.0  # times what it was: an error that may remain so large says nothing
 NOTHING = "nothing"  # for what a missing torque goes with
 _WHAT = {"N": "force", "N.m": "torque", "rad": "twist"}  # that is missing, by its unit
 
@@ -93,5 +94,7 @@ def unconfirmed(gain: Mapping[str, Any] | None) -> str | None:
     left = gain and gain["remains"]
     if not left or left["high"] < 1.0:
         return None
-    return (f"the recording kept back does not confirm it: the error that remains is {100.0 * left['share']:.0f} % "
-            f"[{100.0 * left['low']:.0f}, {100.0 * left['high']:.0f} %] of what it was")
+    sure = (f"95 %: {100.0 * left['low']:.0f} to {100.0 * left['high']:.0f} %" if left["high"] < _ANYTHING
+            else "how sure that is cannot be told")
+    return ("the recording kept back does not confirm it: of the error there "
+            f"{100.0 * left['share']:.0f} % remain ({sure})")

@@ -12,7 +12,7 @@ from scipy.interpolate import CubicSpline
 
 from cosim.diagnosis.observation import Errors
 from cosim.diagnosis.plants.base import InstrumentedPlant, compared
-from cosim.diagnosis.plants.gaps import Gap, gaps
+from cosim.diagnosis.plants.gaps import gaps
 from cosim.diagnosis.plants.run import STEP, Nuisance, Run
 from cosim.measured import Manoeuvre, Measurement
 from driveline.kernels import network as k
@@ -240,21 +240,9 @@ class FullOrderCar(InstrumentedPlant):
         clocks, measured = compared(manoeuvre, present, start + SETTLE, start + STEP * (len(inputs) - 1))
         # a sensor that is not level shows the same offset either way
         graded = "road_grade" in manoeuvre
-        anchors = _anchors(manoeuvre)
+        lost = sorted(gaps(manoeuvre[self.driver], start, stop, _IMPULSE), key=lambda gap: -gap.impulse)[:_GAPS]
         return Run(name, manoeuvre.kind, gear, start, inputs, speed, clocks, measured, graded,
-                   manoeuvre.back and not graded, anchors, self._gaps(manoeuvre, anchors, start, stop))
-
-    def _gaps(self, manoeuvre: Manoeuvre, anchors: Mapping[str, CubicSpline], start: float,
-              stop: float) -> tuple[Gap, ...]:
-        """Where nobody knows the torque on the crankshaft: that of the engine, and what leads it; the worst few.
-
-        Those of the vehicle speed do not count: next to its inertia what leads it is nothing in so short a time.
-        """
-        driver, leader = manoeuvre[self.driver], "engine_speed"
-        found = gaps(driver, driver.at, 1.0, start, stop, _IMPULSE)
-        if leader in anchors:
-            found += gaps(manoeuvre[leader], anchors[leader], ANCHORS[leader].gain, start, stop, _IMPULSE)
-        return tuple(sorted(sorted(found, key=lambda gap: -gap.impulse)[:_GAPS], key=lambda gap: gap.begin))
+                   manoeuvre.back and not graded, _anchors(manoeuvre), tuple(lost))
 
     def _overall(self, gear: int) -> float:
         return self.values["final_drive.ratio"] * self.values[f"transmission.ratio[{gear + 2}]"]

@@ -1,4 +1,4 @@
-"""Torque that was not recorded: where frames of what drives or leads a simulation are lost, it may have been another.
+"""Torque that was not recorded: where its frames are lost, it need not have been a straight line.
 
 A bus that is busy for 60 ms while the driver tips in hides when the torque rose: a straight line through the gap is
 off by tens of newton metres. What it was off by is an unknown of the run.
@@ -6,7 +6,7 @@ off by tens of newton metres. What it was off by is an unknown of the run.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,12 +21,10 @@ class Gap:
     """A span without frames.
 
     Attributes:
-        channel: Of which.
         begin, end: Of it [s].
-        torque: By how much the torque in its middle may be another than was taken, one sigma [N.m].
+        torque: By how much the torque in its middle may be another than a straight line says, one sigma [N.m].
     """
 
-    channel: str
     begin: float
     end: float
     torque: float
@@ -37,16 +35,13 @@ class Gap:
         return self.torque * (self.end - self.begin)
 
 
-def gaps(channel: Channel, taken: Callable[[np.ndarray], np.ndarray], gain: float, start: float, stop: float,
-         least: float) -> list[Gap]:
-    """The gaps of a channel in which nobody knows what it did.
+def gaps(channel: Channel, start: float, stop: float, least: float) -> list[Gap]:
+    """The gaps of a torque in which nobody knows what it did.
 
-    As unknown as what was taken is from how either side would go on, within what the channel ever shows.
+    As unknown as the straight line is from how either side would go on, within what the channel ever shows.
 
     Args:
-        channel: What drives or leads.
-        taken: What it is taken for between its samples.
-        gain: Torque for a unit of it.
+        channel: The torque.
         start, stop: Between which instants [s].
         least: Which impulse is none [N.m.s].
     """
@@ -59,8 +54,7 @@ def gaps(channel: Channel, taken: Callable[[np.ndarray], np.ndarray], gain: floa
         going_on = [value + (middle - at) * slope for at, value, slope in (
             (begin, channel.values[before], _slope(channel, before - 1)),
             (end, channel.values[after], _slope(channel, after)))]
-        off = np.abs(np.clip(going_on, low, high) - taken(np.array([middle]))).max()
-        gap = Gap(channel.name, begin, end, float(gain * off))
+        gap = Gap(begin, end, float(np.abs(np.clip(going_on, low, high) - channel.at(middle)).max()))
         if gap.impulse > least:
             found.append(gap)
     return found
@@ -71,7 +65,7 @@ def _slope(channel: Channel, at: int) -> float:
 
 
 def filled(gaps: Sequence[Gap], heights: Sequence[float], time: np.ndarray) -> np.ndarray:
-    """The torque that was in the gaps beside what was taken, highest in their middle."""
+    """The torque that was in the gaps beside the straight line, highest in their middle."""
     torque = np.zeros(time.size)
     for gap, height in zip(gaps, heights):
         inside = (time > gap.begin) & (time < gap.end)

@@ -23,7 +23,7 @@ class Nuisance:
         grade: Added to the road's slope [rad].
         torque: Added to the engine torque [N.m].
         wander: Heights of the hats that are added to it as well [N.m]; none for no such torque.
-        filled: What it was in the middle of each gap beside what was taken [N.m]; none for nothing.
+        filled: What it was in the middle of each gap beside a straight line [N.m]; none for nothing.
     """
 
     start_speed: float = 0.0
@@ -53,7 +53,7 @@ class Run:
         back: Whether the road was driven the other way than in the others, and its slope not recorded.
         anchors: Channels the simulation is led along, with what they are between their samples: a straight line cuts
             the peaks off, which acts as a damper. None: it runs freely.
-        gaps: Where frames are lost of what drives or leads it.
+        gaps: Where frames of the torque are lost, the worst first.
     """
 
     name: str
