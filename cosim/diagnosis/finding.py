@@ -11,7 +11,6 @@ import numpy as np
 from cosim.diagnosis.regression import remaining
 
 BLOCK = 0.5  # s of a recording that stand together where errors before and after are paired
-_ANYTHING = 5.0  # times what it was: an error that may remain so large says nothing
 NOTHING = "nothing"  # for what a missing torque goes with
 _WHAT = {"N": "force", "N.m": "torque", "rad": "twist"}  # that is missing, by its unit
 
@@ -71,7 +70,7 @@ def gained(rows: Sequence[Gain], tried: int) -> dict[str, Any]:
 
     Returns:
         As the contract has it, and ``remains``: what is left of the error, mean over signals and blocks of time, with
-        its 95 % interval; None for too little time.
+        its 95 % interval where there is one; None for too little time.
     """
     left = remaining(_paired(rows), tried)
     return {"held_out": [{"manoeuvre": row.run, "signal": row.signal, "nrmse_before": row.nrmse_before,
@@ -90,11 +89,9 @@ def _paired(rows: Sequence[Gain]) -> np.ndarray:
 
 
 def unconfirmed(gain: Mapping[str, Any] | None) -> str | None:
-    """That recordings which were not used do not confirm what was found; None where they do or there are none."""
+    """That what was found makes recordings worse which were not used; None where it does not or there are none."""
     left = gain and gain["remains"]
-    if not left or left["high"] < 1.0:
+    if not left or left["share"] < 1.0:
         return None
-    sure = (f"95 %: {100.0 * left['low']:.0f} to {100.0 * left['high']:.0f} %" if left["high"] < _ANYTHING
-            else "how sure that is cannot be told")
-    return ("the recording kept back does not confirm it: of the error there "
-            f"{100.0 * left['share']:.0f} % remain ({sure})")
+    return ("the recording kept back does not confirm it: block by block the error there is "
+            f"{100.0 * left['share']:.0f} % of what it was")

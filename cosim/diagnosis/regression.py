@@ -13,7 +13,7 @@ import numpy as np
 from scipy.signal import cheby1, sosfiltfilt
 from scipy.stats import t as student
 
-_FEWEST = 8  # blocks that say what is left of an error
+_FEWEST, _ALONE = 8, 4.0  # blocks that say what is left of an error; of those that count, to say how surely
 
 
 @dataclass(frozen=True)
@@ -89,14 +89,14 @@ class Remaining:
 
     Attributes:
         share: That ratio; 1 where nothing was gained.
-        low, high: 95 % interval, wider for having tried many.
+        low, high: 95 % interval, wider for having tried many; None where too few blocks count to give one.
         blocks: How many there are.
         alone: How many of them count, as neighbours are alike.
     """
 
     share: float
-    low: float
-    high: float
+    low: float | None
+    high: float | None
     blocks: int
     alone: float
 
@@ -117,10 +117,11 @@ def remaining(change: np.ndarray, tried: int = 1) -> Remaining | None:
     e = change - change.mean()
     alike = float(e[1:] @ e[:-1]) / max(float(e @ e), np.finfo(float).tiny)
     alike = float(np.clip((count * alike + 1.0) / (count - 4.0), 0.0, 0.9))
-    alone = max(count * (1.0 - alike) / (1.0 + alike), 3.0)
+    alone, mean = count * (1.0 - alike) / (1.0 + alike), float(change.mean())
+    if alone < _ALONE:
+        return Remaining(float(np.exp(mean)), None, None, count, alone)
     reach = float(student.isf(0.025 / tried, alone - 1.0)) * float(change.std(ddof=1)) / np.sqrt(alone)
-    share, low, high = (float(np.exp(change.mean() + side * reach)) for side in (0.0, -1.0, 1.0))
-    return Remaining(share, low, high, count, alone)
+    return Remaining(*(float(np.exp(mean + side * reach)) for side in (0.0, -1.0, 1.0)), count, alone)
 
 
 def dependence(errors: np.ndarray, lags: int = 10) -> float:
