@@ -8,7 +8,7 @@ when it was found.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -46,8 +46,8 @@ def alike(evidence: Evidence, coordinates: Sequence[Coordinate], causes: Sequenc
                 break
         else:
             groups.append((cause,))
-    reach = {cause: _reach(evidence, coordinates, cause) for cause in shown}
-    return [tuple(sorted(group, key=lambda cause: -reach[cause])) for group in groups if len(group) > 1]
+    return [tuple(sorted(group, key=lambda cause: _reach(evidence, coordinates, cause), reverse=True))
+            for group in groups if len(group) > 1]
 
 
 def instead(evidence: Evidence, coordinates: Sequence[Coordinate], shared: np.ndarray, gone: str,
@@ -69,23 +69,19 @@ def _sizes(coordinates: Sequence[Coordinate], cause: str) -> list[np.ndarray]:
     mine = [i for i, c in enumerate(coordinates) if c.cause == cause]
     if any(coordinates[i].run is not None or coordinates[i].parameter.probes for i in mine):
         return []
-    found = []
-    for i in mine:
-        size = np.zeros(len(coordinates))
-        size[i] = LARGE * coordinates[i].parameter.detection
-        found.append(size)
-    return found
+    return _alone(coordinates, mine, lambda c: LARGE * c.parameter.detection)
 
 
 def _reach(evidence: Evidence, coordinates: Sequence[Coordinate], cause: str) -> float:
     """What a cause shows at its nearer bound [sigma], of several parameters the one that shows least there."""
-    plain, found = prior(coordinates, ()), []
-    for i, c in enumerate(coordinates):
-        if c.cause == cause:
-            end = np.zeros(len(coordinates))
-            end[i] = min(-c.low, c.high)
-            found.append(evidence.separation(end, plain))
-    return min(found)
+    plain, mine = prior(coordinates, ()), [i for i, c in enumerate(coordinates) if c.cause == cause]
+    return min(evidence.separation(end, plain) for end in _alone(coordinates, mine, lambda c: min(-c.low, c.high)))
+
+
+def _alone(coordinates: Sequence[Coordinate], places: Sequence[int],
+           size: Callable[[Coordinate], float]) -> list[np.ndarray]:
+    """One coordinate after the other at some size of its own, all others 0."""
+    return [size(coordinates[i]) * (np.arange(len(coordinates)) == i) for i in places]
 
 
 def _imitates(evidence: Evidence, coordinates: Sequence[Coordinate], sizes: Sequence[np.ndarray], other: str) -> bool:

@@ -41,7 +41,7 @@ STRANGE = 0.08
 MISSING = 40.0
 # What is missing elsewhere shows at one of them.
 WITNESSES = ("within the transmission", "propeller shaft", "within the axle shafts", "vehicle")
-TOLD = 1.0  # N.m.s: impulse that may be lost where frames are, from which on that is said
+_TOLD = 1.0  # N.m.s: impulse that may be lost where frames are, from which on that is said
 SOMETHING_ELSE = 0.03  # probability that is left for what nobody thought of
 _COMPARED = 4  # rivals that a proposed manoeuvre has to tell from the best
 _DRAWS = 30  # healthy cars
@@ -142,7 +142,7 @@ def _notices(car: InstrumentedPlant, runs: list[Run], reserved: list[Run]) -> li
     if isinstance(car, FullOrderCar):
         notices += [text for name, text in blind.items() if name not in present]
     for run in runs:
-        lost = [gap for gap in run.gaps if gap.impulse > TOLD]
+        lost = [gap for gap in run.gaps if gap.impulse > _TOLD]
         if lost:
             notices.append(f"{run.name}: frames of the torque are lost for up to "
                            f"{1e3 * max(gap.end - gap.begin for gap in lost):.0f} ms where it changes; what it was "

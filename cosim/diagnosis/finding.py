@@ -72,14 +72,14 @@ def gained(rows: Sequence[Gain], tried: int) -> dict[str, Any]:
         As the contract has it, and ``remains``: what is left of the error, mean over signals and blocks of time, with
         its 95 % interval where there is one; None for too little time.
     """
-    left = remaining(_paired(rows), tried)
+    left = remaining(_changes(rows), tried)
     return {"held_out": [{"manoeuvre": row.run, "signal": row.signal, "nrmse_before": row.nrmse_before,
                           "nrmse_after": row.nrmse_after, "noise_floor": row.noise_floor} for row in rows],
             "fraction_of_noise_floor": float(np.median([row.nrmse_after / row.noise_floor for row in rows])),
             "remains": left and {**asdict(left), "tried": tried}}
 
 
-def _paired(rows: Sequence[Gain]) -> np.ndarray:
+def _changes(rows: Sequence[Gain]) -> np.ndarray:
     """Mean change of all signals in every block of every recording, in their order."""
     together: dict[tuple[str, int], list[float]] = {}
     for row in rows:

@@ -114,11 +114,11 @@ def coordinates(car: FullOrderCar, runs: Sequence[Run],
             p = factor(name, name, unit="1", meaning="known to some per cent only", spread=HEALTHY,
                        limits=(0.8, 1.25), detection=2.0 * HEALTHY)
             found.append(Coordinate(name, "", "", None, p, HEALTHY, HEALTHY, _STEP * p.detection, -0.2, 0.2))
-    for r in range(len(runs)):
+    for r, run in enumerate(runs):
         found += [Coordinate(name, "", "", r, None, spread, spread, step)
                   for name, (spread, step) in RUN_NUISANCES.items()]
         found += [Coordinate(FILLED, "", "", r, None, gap.torque, gap.torque, WANDER, part=k)
-                  for k, gap in enumerate(runs[r].gaps)]
+                  for k, gap in enumerate(run.gaps)]
     for r, run in enumerate(runs):
         found += [Coordinate(WANDERS, "", "", r, None, WANDER, WANDER, WANDER, part=k) for k in range(hats(run).size)]
     return found

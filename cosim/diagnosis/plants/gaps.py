@@ -47,7 +47,8 @@ def gaps(channel: Channel, start: float, stop: float, least: float) -> list[Gap]
     """
     found, low, high = [], float(channel.values.min()), float(channel.values.max())
     for begin, end in channel.gaps(_LOST):
-        before, after = np.searchsorted(channel.time, [begin, end])
+        before = int(np.searchsorted(channel.time, begin))
+        after = before + 1
         if not start < begin < end < stop or before < 1 or after + 1 >= channel.time.size:
             continue
         middle = 0.5 * (begin + end)
