@@ -123,8 +123,14 @@ class Search:
         self.causes = list(dict.fromkeys(c.cause for c in self.coordinates if c.cause))
 
     def worth(self, fit: Fit) -> bool:
-        """Whether all its causes are large enough to be some, and beside others clear or in more than one recording."""
-        return all(self.size(fit, cause) >= SMALLEST and self._shows(fit, cause) for cause in fit.causes)
+        """Whether all its causes are plausible, large enough, and beside others clear or in more than one recording."""
+        return all(self.size(fit, cause) >= SMALLEST and self._plausible(fit, cause) and self._shows(fit, cause)
+                   for cause in fit.causes)
+
+    def _plausible(self, fit: Fit, cause: str) -> bool:
+        """Whether no parameter is at a limit, as far as healthy cars differ: it would have to be beyond."""
+        found = [(fit.shared[i], self.coordinates[i]) for i in self.predictor.index(cause)]
+        return all(c.low + c.tolerance < x < c.high - c.tolerance or abs(x) < c.tolerance for x, c in found)
 
     def _shows(self, fit: Fit, cause: str) -> bool:
         without = self.pool.get(tuple(other for other in fit.causes if other != cause))

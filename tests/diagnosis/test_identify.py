@@ -191,6 +191,15 @@ def test_what_healthy_cars_differ_by_is_no_cause():
     assert found({"size": 0.5 * SMALLEST * DETECTION})[1].best.causes == ()
 
 
+def test_what_would_have_to_be_implausible_is_no_cause():
+    """It explains most of what is wrong, and more than anything else does, where it may be no larger."""
+    search, result = found({"curve": 1.3})
+    assert ("curve",) not in [fit.causes for fit in result.alternatives]
+    fit = search.pool[("curve",)]
+    assert fit.score > result.healthy.score + 20.0 and fit.score > result.best.score
+    assert fit.shared[4] == pytest.approx(1.0, abs=0.2 * DETECTION) and not search.worth(fit)
+
+
 def test_derivatives_follow_a_step_and_tell_how_far_they_were_off():
     random = np.random.default_rng(3)
     run = Plant({}).runs[0]

@@ -17,6 +17,7 @@ from cosim.diagnosis.plants.hats import EVERY, MEMORY, comb, fast, hats, row, te
 from cosim.diagnosis.predict import WANDERS, Predictor, coordinates
 from cosim.measured import Channel, load
 from driveline.plants.full_order import FullOrderPlant
+from driveline.quantities import InputError
 
 FLOORS = {"engine_speed": 0.06, "turbine_speed": 0.06, "transmission_output_speed": 0.06, "wheel_speed": 0.012,
           "vehicle_speed": 0.005, "propeller_shaft_torque": 1.5, "seat_acceleration": 0.03,
@@ -54,6 +55,27 @@ def test_without_anchors_it_is_the_full_order_plant(car_and_run):
     assert set(free) == {*CHANNELS, "axle_shaft_torque", "differential_speed"}
     for name in set(free) & set(itself) - {"differential_acceleration"}:
         assert np.array_equal(free[name], itself[name]), name
+
+
+def test_what_was_simulated_before_leaves_no_trace(car_and_run):
+    """Also where the next begins alike, so that nothing is initialised anew, or values between were refused."""
+    car, run = car_and_run
+    later = np.where(run.time > run.time[1000], 3.0, 0.0)
+    softer, refused = ({**car.values, "axle_shaft.stiffness": x} for x in (8000.0, -1.0))
+
+    def simulated(car, job):
+        values, place = job
+        try:
+            return car.pushed(values, run, Nuisance(), place, later) if place else car.raw(values, run, torque=later)
+        except InputError:
+            return None
+
+    jobs = [(car.values, ""), (car.values, ""), (refused, ""), (car.values, ""), (car.values, "axle"),
+            (car.values, "axle"), (car.values, "wheel"), (car.values, ""), (softer, ""), (softer, "")]
+    for job in jobs:
+        shown, alone = simulated(car, job), simulated(FullOrderCar(car.vehicle, car.variant), job)
+        assert (shown is None) == (alone is None) == (job[0] is refused)
+        assert shown is None or all(np.array_equal(shown[name], alone[name]) for name in alone)
 
 
 def test_a_slope_that_nobody_recorded_falls_on_the_way_back(car_and_run):

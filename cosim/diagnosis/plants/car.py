@@ -154,6 +154,9 @@ class FullOrderCar(InstrumentedPlant):
     def _start(self, run: Run, nuisance: Nuisance) -> None:
         self._plant["start.vehicle_speed"] = run.start_speed + nuisance.start_speed
 
+    def _attached(self) -> tuple:
+        return self._plant.led, self._plant.pushed
+
     def pushed(self, values: Mapping[str, float], run: Run, nuisance: Nuisance, place: str,
                push: np.ndarray) -> dict[str, np.ndarray]:
         """As ``raw``, with a torque, force or twist at every step, in the unit of its place of ``PLACES``."""
