@@ -6,7 +6,7 @@ import json
 import logging
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ import numpy as np
 from cosim.diagnosis import extend, proposal
 from cosim.diagnosis.bench import diagnose_bench
 from cosim.diagnosis.catalogue import CATALOGUE
+from cosim.diagnosis.confirm import FEWEST, Jury, words
 from cosim.diagnosis.detectable import would_show
 from cosim.diagnosis.evidence import Layout
 from cosim.diagnosis.finding import gained, unconfirmed
@@ -28,6 +29,7 @@ from cosim.diagnosis.plants.car import PLACES
 from cosim.diagnosis.predict import Predictor, coordinates
 from cosim.diagnosis.profit import profit
 from cosim.diagnosis.residuals import wrong
+from cosim.diagnosis.road import on_its_road
 from cosim.files import write_text
 from cosim.measured import Measurement, load
 
@@ -42,6 +44,7 @@ MISSING = 40.0
 # What is missing elsewhere shows at one of them.
 WITNESSES = ("within the transmission", "propeller shaft", "within the axle shafts", "vehicle")
 _TOLD = 1.0  # N.m.s: impulse that may be lost where frames are, from which on that is said
+_BESIDE_UNKNOWN = 0.3  # of a cause's probability is left where something else is there that it may imitate
 SOMETHING_ELSE = 0.03  # probability that is left for what nobody thought of
 _COMPARED = 4  # rivals that a proposed manoeuvre has to tell from the best
 _DRAWS = 30  # healthy cars
@@ -176,9 +179,17 @@ def _driveline(diagnosis: Diagnosis, car: FullOrderCar, out: Path | None, worker
     with Predictor(car, runs, declared, workers) as predictor:
         search = Search(predictor, say)
         found = search.run()
+        further, confirmed = car.further_runs(diagnosis.measurement), set()
+        if len(further) >= FEWEST and found.best.causes:
+            say(f"judging what was found on {len(further)} further stretches")
+            found, verdicts = Jury(predictor, further, found.noise.floors).judged(found)
+            for notice in words(verdicts, len(further)):
+                say(notice)
+                diagnosis.notices.append(notice)
+            confirmed = {verdict.effect for verdict in verdicts if verdict.confirmed}
         diagnosis.identification = found
         say("whether something is missing beside what was found")
-        diagnosis.finding = _finding(predictor, found, _strange(search.fitter, found))
+        diagnosis.finding = _finding(predictor, found, _strange(search.fitter, found), confirmed)
         if diagnosis.finding["verdict"] == "unknown":
             say("looking for the torque that is missing")
             _localise(diagnosis, predictor, found)
@@ -187,11 +198,14 @@ def _driveline(diagnosis: Diagnosis, car: FullOrderCar, out: Path | None, worker
             _propose(diagnosis, search, found)
     diagnosis.suspects = [{"effect": name, "probability": share} for name, share in
                           _probabilities(found, CATALOGUE).items()]
-    with Predictor(car, [run.free for run in runs], declared, workers) as freely:
-        say("what a healthy car would have shown")
+    say("what a healthy car would have shown")
+    floors, points = found.noise.floors, [as_found(predictor, found.best, point) for point in found.best.points]
+    roads = [on_its_road(car, car.values, run, floors) for run in runs]
+    with Predictor(car, roads, coordinates(car, roads), workers) as freely:
         nominal, healthy = _healthy(freely, found.noise)
-        diagnosis.finding["wrong"] = [w.as_json() for w in wrong(runs, nominal, healthy)]
-        after = freely.all_runs([as_found(predictor, found.best, point) for point in found.best.points]) or nominal
+    diagnosis.finding["wrong"] = [w.as_json() for w in wrong(runs, nominal, healthy)]
+    roads = [on_its_road(car, predictor.values(point, r)[0], runs[r], floors) for r, point in enumerate(points)]
+    after = Predictor(car, roads, declared).all_runs(points) or nominal
     for run, before, then in zip(runs, nominal, after):
         for name, place in run.slices.items():
             diagnosis.traces[(run.name, name)] = (run.clocks[name], run.measured[name], before[place], then[place])
@@ -241,7 +255,8 @@ def _strange(fitter: Fitter, found: Identification) -> bool:
     return is_missing(first.alone)
 
 
-def _finding(predictor: Predictor, found: Identification, strange: bool) -> dict[str, Any]:
+def _finding(predictor: Predictor, found: Identification, strange: bool,
+             confirmed: Collection[str]) -> dict[str, Any]:
     best = found.best
     shares = _probabilities(found, CATALOGUE)
     rivals = _rivals(found)
@@ -256,8 +271,7 @@ def _finding(predictor: Predictor, found: Identification, strange: bool) -> dict
                            "parameters": _parameters(predictor, fit, effect)})
     if strange:
         verdict = "unknown"
-        for cause in causes:  # as far as it goes, but something nobody thought of is there as well
-            cause["probability"] *= 0.3
+        beside_unknown(causes, confirmed)
     elif not best.causes:
         verdict = "none"
     else:
@@ -268,6 +282,13 @@ def _finding(predictor: Predictor, found: Identification, strange: bool) -> dict
                            for fit, distance in rivals] if verdict == "ambiguous" else [],
         "next_manoeuvre": None, "unknown": None, "extension": None, "gain": None,
         "would_show": would_show(found.detectable, predictor.coordinates, predictor.car.values)}
+
+
+def beside_unknown(causes: Sequence[dict[str, Any]], confirmed: Collection[str]) -> None:
+    """Lower the probabilities of causes beside which something nobody thought of is there; not of confirmed effects."""
+    for cause in causes:
+        if cause["effect"] not in confirmed:
+            cause["probability"] *= _BESIDE_UNKNOWN
 
 
 def _parameters(predictor: Predictor, fit: Fit, effect: str) -> dict[str, dict[str, Any]]:
@@ -367,22 +388,25 @@ def _extend(diagnosis: Diagnosis, predictor: Predictor, found: Identification, o
             say("building the extended FMU")
             fmu = build(out, out / extend.EXTENDED)
             diagnosis.finding["extension"]["fmu"] = fmu.name
-    reserved = [run.free for run in diagnosis.reserved]
-    if not reserved:
+    if not diagnosis.reserved:
         return
-    say("measuring the gain on " + ", ".join(run.name for run in reserved))
+    say("measuring the gain on " + ", ".join(run.name for run in diagnosis.reserved))
+    known, floors = {False: car.values, True: values}, found.noise.floors
+    roads = {(extended, run.name): on_its_road(car, v, run, floors) for extended, v in known.items()
+             for run in diagnosis.reserved}
 
     def simulate(extended: bool, run: Run) -> dict[str, np.ndarray]:
-        now = values if extended else car.values
+        run = roads[extended, run.name]
         if fmu is None:
-            return car.raw(now, run)
+            return car.raw(known[extended], run)
         nominal = {} if extended else {name: car.values[name] for name in changes}
-        return extend.co_simulate(fmu, nominal, extend.with_inputs(run, now), run.start_speed)
+        return extend.co_simulate(fmu, nominal, extend.with_inputs(run, known[extended]), run.start_speed)
 
-    rows = extend.gain(reserved, simulate, (car.values, values), found.noise.floors)
-    for run in reserved:
+    rows = extend.gain(diagnosis.reserved, simulate, (car.values, values), floors)
+    for run in diagnosis.reserved:
+        before, after = (car.predict(v, roads[extended, run.name]) for extended, v in known.items())
         for name, clock in run.clocks.items():
-            before, after = (car.instruments(car.raw(v, run), v, run)[run.slices[name]] for v in (car.values, values))
-            diagnosis.traces[(run.name, name)] = (clock, run.measured[name], before, after)
+            place = run.slices[name]
+            diagnosis.traces[(run.name, name)] = (clock, run.measured[name], before[place], after[place])
     tried = len({c.effect for c in predictor.coordinates if c.effect})
-    diagnosis.finding["gain"] = {**gained(rows, tried), "estimators": profit(car.source, changes, reserved)}
+    diagnosis.finding["gain"] = {**gained(rows, tried), "estimators": profit(car.source, changes, diagnosis.reserved)}

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cosim.diagnosis.diagnose import MISSING, _reserve, is_missing
+from cosim.diagnosis.diagnose import MISSING, _reserve, beside_unknown, is_missing
 
 
 @pytest.mark.parametrize(("kinds", "kept"), [
@@ -27,3 +27,9 @@ def test_one_of_three_recordings_is_kept_back_never_the_last(kinds, kept):
     ([9.0, 2.5, 0.0], True), ([0.5, 9.0], False), ([2.0, 9.0], True)])
 def test_a_torque_is_missing_where_more_than_one_recording_says_so(told, is_there):
     assert is_missing(MISSING * np.array(told)) is is_there
+
+
+def test_beside_something_unknown_only_what_was_confirmed_stays_as_probable():
+    causes = [{"effect": name, "probability": 0.4} for name in ("converter_slip", "vehicle_mass")]
+    beside_unknown(causes, {"converter_slip"})
+    assert causes[0]["probability"] == 0.4 and causes[1]["probability"] < 0.2

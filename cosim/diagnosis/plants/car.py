@@ -179,18 +179,23 @@ class FullOrderCar(InstrumentedPlant):
             inputs[:, self.columns[f"led_{name}"]] = (read - errors.offset) / errors.gain
 
     def runs(self, measurement: Measurement) -> list[Run]:
-        """The manoeuvres of a measurement, long ones cut into stretches of one gear.
+        """The manoeuvres of a measurement; of long ones the liveliest stretches of one gear.
 
         Raises:
             InputError: The engine torque or every output is missing, or the gear cannot be told.
         """
-        found = [run for manoeuvre in measurement.manoeuvres for run in self._cut(manoeuvre)]
+        found = [run for manoeuvre in measurement.manoeuvres for run in self._cut(manoeuvre)[0]]
         if not found:
             raise InputError(f"measurement '{measurement.name}': no stretch of at least 2 s in one forward gear "
                              "above walking pace, so there is nothing to compare")
         return found
 
-    def _cut(self, manoeuvre: Manoeuvre) -> list[Run]:
+    def further_runs(self, measurement: Measurement) -> list[Run]:
+        """The other stretches of long manoeuvres; errors as ``runs``."""
+        return [run for manoeuvre in measurement.manoeuvres for run in self._cut(manoeuvre)[1]]
+
+    def _cut(self, manoeuvre: Manoeuvre) -> tuple[list[Run], list[Run]]:
+        """Its liveliest stretches and the others, each in order of time."""
         self._driven(manoeuvre)
         present = [name for name in self.channels if name in manoeuvre]
         if not any(name.endswith("speed") for name in present):
@@ -199,14 +204,15 @@ class FullOrderCar(InstrumentedPlant):
         start, stop = self._span(manoeuvre)
         if stop - start <= LONGEST and "gear" not in manoeuvre:
             run = self._run(manoeuvre, present, manoeuvre.name, start, stop)
-            return [run] if run else []
+            return [run] if run else [], []
         spans = self._spans(manoeuvre, start, stop)
         runs = [run for i, (begin, end) in enumerate(spans, start=1)
                 if (run := self._run(manoeuvre, present, f"{manoeuvre.name}_{i}", begin, end))]
         if len(spans) == 1 and runs:
-            return [dataclasses.replace(runs[0], name=manoeuvre.name)]
-        lively = sorted(runs, key=lambda run: -float(np.std(run.inputs[:, 0])))[:RUNS]
-        return sorted(lively, key=lambda run: run.start)
+            return [dataclasses.replace(runs[0], name=manoeuvre.name)], []
+        lively = sorted(runs, key=lambda run: -float(np.std(run.inputs[:, 0])))
+        chosen, others = (sorted(some, key=lambda run: run.start) for some in (lively[:RUNS], lively[RUNS:]))
+        return chosen, others
 
     def _spans(self, manoeuvre: Manoeuvre, start: float, stop: float) -> list[tuple[float, float]]:
         """Stretches of constant gear, none longer than ``LONGEST``."""

@@ -80,6 +80,11 @@ class Run:
         return replace(self, anchors={})
 
     @property
+    def unknown_road(self) -> bool:
+        """Whether it is a drive, on a road whose slope nobody recorded; a proving ground is level."""
+        return self.kind == "drive" and not self.graded
+
+    @property
     def slices(self) -> dict[str, slice]:
         """Where each channel lies in ``stacked`` vectors."""
         ends = np.cumsum([clock.size for clock in self.clocks.values()])
