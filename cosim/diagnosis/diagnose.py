@@ -192,7 +192,7 @@ def _driveline(diagnosis: Diagnosis, car: FullOrderCar, out: Path | None, worker
         diagnosis.finding = _finding(predictor, found, _strange(search.fitter, found), confirmed)
         if diagnosis.finding["verdict"] == "unknown":
             say("looking for the torque that is missing")
-            _localise(diagnosis, predictor, found)
+            _localise(diagnosis, predictor, found, found.best if confirmed else found.healthy)
         if diagnosis.finding["verdict"] == "ambiguous":
             say("looking for the manoeuvre that would tell the causes apart")
             _propose(diagnosis, search, found)
@@ -343,9 +343,9 @@ def _values(predictor: Predictor, fit: Fit) -> dict[str, float]:
     return predictor.values(as_found(predictor, fit, fit.shared), 0)[0]
 
 
-def _localise(diagnosis: Diagnosis, predictor: Predictor, found: Identification) -> None:
-    """Where a torque is missing, and what that goes with."""
-    listed = disturbances(predictor, found.healthy, found.noise)
+def _localise(diagnosis: Diagnosis, predictor: Predictor, found: Identification, beside: Fit) -> None:
+    """Where a torque is missing beside what is sure, and what that goes with; what is not may only imitate it."""
+    listed = disturbances(predictor, beside, found.noise)
     first = listed[0]
     variable, shape, _ = goes_with(first.table, first.follows)
     diagnosis.finding["unknown"] = {

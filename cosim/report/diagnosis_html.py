@@ -41,7 +41,7 @@ def render(diagnosis: Diagnosis) -> str:
     traces = diagnosis.traces
     return _PAGE.render(
         title=f"Diagnosis of {diagnosis.measurement.name}", verdict=finding["verdict"],
-        head=_HEADS[finding["verdict"]], headline=_headline(finding), about=_about(finding),
+        head=_head(finding), headline=_headline(finding), about=_about(finding),
         vehicle=diagnosis.car.source.name, variant=diagnosis.car.source.variant,
         recordings=[run.name for run in diagnosis.runs], reserved=[run.name for run in diagnosis.reserved],
         channels=sorted({_words(name) for run in diagnosis.runs for name in run.clocks}),
@@ -96,6 +96,12 @@ def _moved(cause: Mapping[str, Any]) -> str:
     return ", ".join(f"{_words(name)} {_change(p)}" for name, p in (sure or parameters).items())
 
 
+def _head(finding: Mapping[str, Any]) -> str:
+    if finding["verdict"] == "unknown" and _named(finding):
+        return "Cause found, and something unknown"
+    return _HEADS[finding["verdict"]]
+
+
 def _headline(finding: Mapping[str, Any]) -> str:
     causes, verdict = finding["causes"], finding["verdict"]
     if verdict == "cause" and causes:
@@ -109,8 +115,11 @@ def _headline(finding: Mapping[str, Any]) -> str:
         unknown = finding["unknown"]
         if not unknown:
             return "The simulation is wrong, and no known effect explains it"
-        return (f"A {missing(unknown)[0]} at the {unknown['balance']} is missing that no known effect explains: it "
+        also = (f"a {missing(unknown)[0]} at the {unknown['balance']} is missing that no known effect explains: it "
                 f"goes with {goes_with_words(unknown)}")
+        named = "; ".join(f"{_words(c['effect'])}: {_moved(c)}" for c in _named(finding))
+        also = f"{named}; beside that {also}" if named else also
+        return also[0].upper() + also[1:]
     return "Nothing is significantly wrong: what differs, tolerance and noise explain"
 
 
@@ -129,10 +138,16 @@ def _likely(finding: Mapping[str, Any]) -> list[Mapping[str, Any]]:
 
 
 def _named(finding: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """The causes a verdict speaks of: those that explain it together; where it is ambiguous, all that are likely."""
+    """The causes a verdict speaks of: those that explain it together; where it is ambiguous, all that are likely.
+
+    Beside something unknown only those that are confirmed, which are more likely than not.
+    """
     if finding["verdict"] == "ambiguous":
         return _likely(finding)
-    return [c for c in finding["causes"] if c["effect"] in finding["together"]] if finding["verdict"] == "cause" else []
+    together = finding["together"]
+    if finding["verdict"] == "unknown" and joint_probability(finding, together) < 0.5:
+        return []
+    return [c for c in finding["causes"] if c["effect"] in together]
 
 
 def _summary(cause: Mapping[str, Any]) -> str:

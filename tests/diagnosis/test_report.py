@@ -197,6 +197,17 @@ def test_the_finding_is_told(pages, base):
     assert "Why" not in words(pages["none"]) and "None" not in words(pages["none"])
 
 
+def test_a_confirmed_cause_beside_something_unknown_is_named(base):
+    given = diagnosis(base, "unknown")
+    given.finding |= {key: diagnosis(base, "cause").finding[key] for key in ("together", "causes")}
+    said = " ".join(words(render(given)).split())
+    assert "Cause found, and something unknown Shaft stiffness: axle shaft stiffness" in said
+    assert "; beside that a torque at the propeller shaft is missing that no known effect explains" in said
+    given.finding["causes"][0]["probability"] = 0.28
+    said = " ".join(words(render(given)).split())
+    assert "Unknown cause A torque at the propeller shaft is missing" in said
+
+
 def test_what_the_recordings_would_have_shown_is_told(pages):
     for page in pages.values():
         said = " ".join(words(page).split())
