@@ -28,12 +28,13 @@ log = logging.getLogger("cosim")
 MOST_CAUSES = 9
 APART = 3.0  # sigma: rivals closer than this cannot be told from the best
 SMALLEST = 0.9  # of a cause, in detection limits: less is what healthy cars differ by, or an error of another's fit
-_SIZES = (-4.0, -1.5, 1.5, 4.0)  # of probes, in detection limits
+_SMALL, _LARGE = (-1.5, 1.5), (-4.0, 4.0)  # sizes of probes, in detection limits
 _SCANNED = 12  # probes that are fitted
 # Linear log evidence below the leader at which a supposition is not looked at: with a cause more, and without;
 # where another cause stands for the true one its run is bent about it, and that is worth more than noise.
 _PROMISING, _SWAPPED = 25.0, 400.0
-_FURTHER_SCANNED = 6  # further causes that are simulated at several sizes beside the leader's
+_FURTHER_SCANNED = 6  # further causes that are simulated at large sizes beside the leader's as well
+_PROBED = 4  # of those simulated at small sizes, fitted where they explain more than the leader
 _BESIDE = 3  # further causes that are fitted from where the leader is as well
 # Suppositions that are simulated where the leader's tangents place them, with a cause more and without; of which are
 # fitted, and as if no run were doubtful. Apart, as every cause that is not there gains its log prior, and one that
@@ -177,13 +178,13 @@ class Search:
             return float(np.sqrt(2.0 * np.mean(np.square(swings))))
         return float(np.linalg.norm(found))
 
-    def probes(self, best: Fit, causes: Iterable[str], everything: bool) -> list[Fit]:
+    def probes(self, best: Fit, causes: Iterable[str], sizes: Sequence[float]) -> list[Fit]:
         """Starts for causes beside those of a fit, each at several sizes.
 
         Args:
             best: Whose coordinates the others keep.
             causes: Which.
-            everything: Or only those that do nothing while they are small.
+            sizes: In detection limits; those that do nothing while they are small have sizes of their own.
         """
         starts = []
         for cause in causes:
@@ -194,11 +195,10 @@ class Search:
             tries: list[dict[int, float]] = []
             for k in range(max((len(p.probes) for p in declared.values()), default=0)):
                 tries.append({i: p.coordinate(p.probes[min(k, len(p.probes) - 1)]) for i, p in declared.items()})
-            if everything and not tries:
-                first, parameter = mine[0], self.coordinates[mine[0]].parameter
-                sizes = [x * parameter.detection for x in _SIZES]
-                tries = [{first: x} for x in sizes
-                         if self.coordinates[first].low <= x <= self.coordinates[first].high]
+            if not tries:
+                first, c = mine[0], self.coordinates[mine[0]]
+                tried = [x * c.parameter.detection for x in sizes]
+                tries = [{first: x} for x in tried if c.low <= x <= c.high]
             for changes in tries:
                 shared, *points = (_changed(vector, changes) for vector in (best.shared, *best.points))
                 start = self.fitter.placed(best, _key((*best.causes, cause)), shared, points)
@@ -347,7 +347,7 @@ class Search:
         """Let others take the lead if they can; whether any came close enough to be settled, or leads."""
         self.say("; ".join(f"{'+'.join(fit.causes) or 'healthy'} {fit.score - leader.score:+.0f}"
                            for fit in self.worthy()[:4]))
-        probes = self.probes(leader, self.causes, everything=False)
+        probes = self.probes(leader, self.causes, _SMALL)
         hopes = self._challengers(leader, probes, self.noise, _SHORTLIST)
         if self.noise.temperatures.max() > _DOUBTS_ALIKE:  # what it would take to explain the doubtful runs as well
             self._challengers(leader, probes, self.plain, _SHORTLIST_PLAIN)
@@ -368,7 +368,8 @@ class Search:
         A fit that begins without a cause that is there bends everything else towards what is missing, and meets
         flanks that are not the right ones.
         """
-        points = [self.fitter.assess(probe, self.noise) for probe in self.probes(start, self.causes, everything=True)]
+        probes = self.probes(start, self.causes, (*_SMALL, *_LARGE))
+        points = [self.fitter.assess(probe, self.noise) for probe in probes]
         return [self._refined(fit, self.noise) for fit in _best_of_each(points, 2)[:_SCANNED]]
 
     def _refined(self, fit: Fit, noise: Noise) -> Fit:
@@ -386,11 +387,11 @@ class Search:
                      if lead > -(_PROMISING if len(s) > len(leader.causes) else _SWAPPED)}
         fresh = [s for s in promising if not (s in self.pool and self.pool[s].near)]
         further = [s for s in fresh if len(s) > len(leader.causes)]
-        starts = self._probed(leader, probes, noise)
+        starts = self._probed(own, probes, noise)
         for sets, tried, count in zip((further, [s for s in fresh if s not in further]), _STARTED, counts):
             tries = [self.start(leader, s, evidence) for s in sets[:tried]]
             if sets is further:
-                tries += self.probes(leader, self._added(leader, further), everything=True)
+                tries += self.probes(leader, self._added(leader, further), _LARGE)
             tries = _best_of_each([self.fitter.assess(start, noise) for start in tries], 1)
             starts += sorted(tries, key=lambda fit: -max(fit.hope - own, promising[fit.causes]))[:count]
         # where the derivatives place them all at once, single runs may be in worse minima than the leader's
@@ -446,16 +447,14 @@ class Search:
         self.tried.update(stuck[:_RIVALS])
         return stuck[:_RIVALS]
 
-    def _probed(self, leader: Fit, probes: Sequence[Fit], noise: Noise) -> list[Fit]:
-        """The better probe of each cause, where it explains more than the leader does."""
-        noise, _ = noise.heavy(self.fitter.residuals(leader.predicted))
-        now = self.fitter.cost(noise, leader)
-        found: dict[tuple[str, ...], tuple[float, Fit]] = {}
-        for start in probes:
-            cost = self.fitter.cost(noise, start)
-            if start.causes not in self.pool and cost < min(now, found.get(start.causes, (np.inf,))[0]):
-                found[start.causes] = (cost, start)
-        return [start for _, start in found.values()]
+    def _probed(self, own: float, probes: Sequence[Fit], noise: Noise) -> list[Fit]:
+        """The best probes of causes that promise more than the leader does.
+
+        What moves crossings of the lash may do nothing by derivatives, and much where it is large enough.
+        """
+        fits = _best_of_each([self.fitter.assess(start, noise) for start in probes], 1)
+        known = {fit.causes: self.pool[fit.causes].hope + _SHORT for fit in fits if fit.causes in self.pool}
+        return [fit for fit in fits if fit.hope > max(own, known.get(fit.causes, -np.inf))][:_PROBED]
 
 
 def separation(lead: float) -> float:
