@@ -68,7 +68,7 @@ class Jury:
     def judged(self, found: Identification) -> tuple[Identification, list[Verdict]]:
         """Only suppositions of which every cause is confirmed; and what is said of the causes of the best before.
 
-        Their own phases of what swings are not known in other stretches, so such causes are not asked for.
+        The phases of what swings are not known in other stretches, so such causes are neither simulated nor asked for.
         """
         fits = {fit.causes: fit for fit in found.alternatives}
         kept: list[Fit] = []
@@ -102,7 +102,8 @@ class Jury:
     def _errors(self, fit: Fit) -> np.ndarray:
         """Error of every stretch: root mean squares over noise, geometric mean over its channels."""
         if fit.causes not in self._known:
-            values, _ = self.predictor.values(as_found(self.predictor, fit, fit.shared), 0)
+            shared = [0.0 if c.run is not None else x for c, x in zip(self.predictor.coordinates, fit.shared)]
+            values, _ = self.predictor.values(as_found(self.predictor, fit, np.array(shared)), 0)
             self._known[fit.causes] = np.array([self._error(values, run) for run in self.runs])
         return self._known[fit.causes]
 

@@ -124,9 +124,12 @@ class Search:
         self.causes = list(dict.fromkeys(c.cause for c in self.coordinates if c.cause))
 
     def worth(self, fit: Fit) -> bool:
-        """Whether all its causes are plausible, large enough, and beside others clear or in more than one recording."""
-        return all(self.size(fit, cause) >= SMALLEST and self._plausible(fit, cause) and self._shows(fit, cause)
-                   for cause in fit.causes)
+        """Whether all its causes are large enough to be some, and beside others clear or in more than one recording.
+
+        And plausible, once its derivatives are its own: on its way a fit may touch a limit.
+        """
+        return all(self.size(fit, cause) >= SMALLEST and (self._plausible(fit, cause) or not fit.near)
+                   and self._shows(fit, cause) for cause in fit.causes)
 
     def _plausible(self, fit: Fit, cause: str) -> bool:
         """Whether no parameter is at a limit, as far as healthy cars differ: it would have to be beyond."""
@@ -220,7 +223,8 @@ class Search:
             elif not self.challenge(leader):
                 break
         self._put_instead()
-        leader, *others = self._likeliest(self.worthy())
+        plausible = [fit for fit in self.worthy() if all(self._plausible(fit, cause) for cause in fit.causes)]
+        leader, *others = self._likeliest(plausible)
         shown = detectable(self.fitter.seen(self.file, self.noise), self.coordinates, -EFFECT)
         return Identification(leader, [leader, *others], self.pool[()], self.noise, self.alike, shown)
 

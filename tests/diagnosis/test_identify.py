@@ -198,6 +198,7 @@ def test_what_would_have_to_be_implausible_is_no_cause():
     fit = search.pool[("curve",)]
     assert fit.score > result.healthy.score + 20.0 and fit.score > result.best.score
     assert fit.shared[4] == pytest.approx(1.0, abs=0.2 * DETECTION) and not search.worth(fit)
+    assert search.worth(replace(fit, near=False))  # on its way, it may come back
 
 
 def test_derivatives_follow_a_step_and_tell_how_far_they_were_off():
