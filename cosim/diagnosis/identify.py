@@ -19,7 +19,7 @@ import numpy as np
 from cosim.diagnosis.alike import alike, instead
 from cosim.diagnosis.detectable import detectable
 from cosim.diagnosis.evidence import Evidence, prior
-from cosim.diagnosis.fitting import EFFECT, SETTLED, Fit, Fitter
+from cosim.diagnosis.fitting import EFFECT, SETTLED, Fit, Fitter, as_found
 from cosim.diagnosis.noise import Noise
 from cosim.diagnosis.predict import Predictor
 
@@ -106,6 +106,7 @@ class Search:
         plain, noise: That noise, and the same with doubts.
         challenged: The leader that was challenged last.
         tried: Settled rivals that were fitted again from there.
+        cleared: Leaders that were fitted again from the vehicle file.
     """
 
     file: Fit
@@ -121,6 +122,7 @@ class Search:
         self.pool: dict[tuple[str, ...], Fit] = {}
         self.challenged: Fit | None = None
         self.tried: set[tuple[str, ...]] = set()
+        self.cleared: set[tuple[str, ...]] = set()
         self.causes = list(dict.fromkeys(c.cause for c in self.coordinates if c.cause))
 
     def worth(self, fit: Fit) -> bool:
@@ -218,6 +220,7 @@ class Search:
             leader = self.worthy()[0]
             if not leader.settled:
                 self.pool[leader.causes] = self.fitter.settle(leader, self.noise)
+                self._enter(self._cleared(self.pool[leader.causes]))
             elif leader.causes != self.judged:
                 self._judge(leader)
             elif not self.challenge(leader):
@@ -347,11 +350,25 @@ class Search:
         return [(gone, other) for group in self.alike for gone in group if gone in fit.causes
                 for other in group if other != gone]
 
+    def _cleared(self, leader: Fit) -> list[Fit]:
+        """A leader once more, from the vehicle file with its causes as they were found and nothing else.
+
+        On its way from where they were missing everything else was bent towards them, and may be so still.
+        """
+        if not leader.causes or leader.causes in self.cleared:
+            return []
+        self.cleared.add(leader.causes)
+        shared, *points = (as_found(self.predictor, leader, x) for x in (leader.shared, *leader.points))
+        start = self.fitter.placed(leader, leader.causes, shared, points)
+        if start is None or self.fitter.assess(start, self.noise).hope < leader.score:
+            return []
+        return [self.fitter.settle(self._refined(start, self.noise), self.noise, everything=False)]
+
     def challenge(self, leader: Fit) -> bool:
         """Let others take the lead if they can; whether any came close enough to be settled, or leads."""
         self.say("; ".join(f"{'+'.join(fit.causes) or 'healthy'} {fit.score - leader.score:+.0f}"
                            for fit in self.worthy()[:4]))
-        probes = self.probes(leader, self.causes, _SMALL)
+        probes = self.probes(leader, self.causes, _SMALL) if leader is not self.challenged else []
         hopes = self._challengers(leader, probes, self.noise, _SHORTLIST)
         if self.noise.temperatures.max() > _DOUBTS_ALIKE:  # what it would take to explain the doubtful runs as well
             self._challengers(leader, probes, self.plain, _SHORTLIST_PLAIN)

@@ -7,7 +7,7 @@ import pytest
 
 from cosim.diagnosis.effect import factor
 from cosim.diagnosis.fitting import Tangent
-from cosim.diagnosis.identify import SMALLEST, Search
+from cosim.diagnosis.identify import _SMALL, SMALLEST, Search
 from cosim.diagnosis.noise import Noise
 from cosim.diagnosis.plants import Run
 from cosim.diagnosis.predict import Coordinate, Predictor
@@ -90,6 +90,52 @@ def test_a_settled_fit_in_another_minimum_is_fitted_again_from_the_leader():
     search.challenge(leader)
     again = search.pool[("phase",)]
     assert again.score == pytest.approx(result.best.score, abs=1.0) and again.near
+
+
+def test_a_leader_is_fitted_once_more_from_the_file():
+    """Where it has the right cause and size, but everything else is in another minimum: here a period off."""
+    search, result = found({"size": 0.3})
+    fitter, best = search.fitter, result.best
+    period = np.pi / 4.0 * np.eye(len(best.shared))[0]
+    bent = fitter.placed(best, best.causes, best.shared + period, [point + period for point in best.points])
+    bent = fitter.assess(fitter.refine(bent, result.noise), result.noise)
+    assert bent.score < best.score - 100.0
+    search.cleared.clear()
+    [again] = search._cleared(bent)
+    assert again.score == pytest.approx(best.score, abs=1.0) and again.near
+    assert search._cleared(bent) == []  # once
+
+
+def test_a_leader_is_probed_once(monkeypatch):
+    """Also where it is challenged again, because others came close."""
+    search, result = found({"size": 0.4, "curve": 0.9})
+    probed, probes = [], search.probes
+
+    def seen(best, causes, sizes):
+        probed.append(sizes)
+        return probes(best, causes, sizes)
+
+    monkeypatch.setattr(search, "probes", seen)
+    leader = search.fitter.settle(replace(result.best, settled=False), search.noise)
+    search.pool[leader.causes] = leader
+    for _ in range(3):
+        search.challenge(leader)
+    assert probed.count(_SMALL) == 1
+
+
+class WithPlay(Plant):
+    """One cause does nothing while it is small."""
+
+    def predict(self, u, run, change=None):
+        u = u.copy()
+        u[4] = np.sign(u[4]) * max(abs(u[4]) - 0.8 * DETECTION, 0.0)
+        return super().predict(u, run, change)
+
+
+def test_what_derivatives_do_not_show_is_probed(monkeypatch):
+    search = Search(WithPlay({"size": 0.4, "curve": 0.5}), lambda text: None)
+    monkeypatch.setattr(search, "_added", lambda leader, further: [])  # large ones are tried of the most promising
+    assert set(search.run().best.causes) == {"size", "curve"}
 
 
 def test_a_score_is_what_was_reached_and_a_hope_what_derivatives_promise():
