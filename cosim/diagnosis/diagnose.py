@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from cosim.diagnosis import extend, proposal
 from cosim.diagnosis.bench import diagnose_bench
@@ -82,6 +83,7 @@ class Diagnosis:
     identification: Identification | None = None
 
 
+@threadpool_limits.wrap(limits=1)  # small matrices, and a process a core: more threads only wait for one another
 def diagnose(path: Path, out: Path | None = None, *, workers: int | None = None,
              say: Callable[[str], None] = log.info,
              build: Callable[[Path, Path], Path] | None = None) -> Diagnosis:
