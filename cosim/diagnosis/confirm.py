@@ -62,7 +62,6 @@ class Jury:
 
     def __init__(self, predictor: Predictor, runs: Sequence[Run], floors: Mapping[str, float]) -> None:
         self.predictor, self.runs, self.floors = predictor, list(runs), floors
-        self.tried = len({c.effect for c in predictor.coordinates if c.effect})
         self._known: dict[tuple[str, ...], np.ndarray] = {}
 
     def judged(self, found: Identification) -> tuple[Identification, list[Verdict]]:
@@ -87,7 +86,7 @@ class Jury:
         before, after = self._errors(without), self._errors(fit)
         chance = paired(before, after)
         return Verdict(cause, float(np.exp(np.mean(np.log(after / before)))), int(np.sum(after < before)), chance,
-                       chance < _CHANCE / self.tried)
+                       chance < _CHANCE / self.predictor.tried)
 
     def _swings(self, cause: str) -> bool:
         return any(self.predictor.coordinates[i].run is not None for i in self.predictor.index(cause))

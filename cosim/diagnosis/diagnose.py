@@ -60,6 +60,7 @@ class Diagnosis:
     Attributes:
         finding: As the contract has it.
         measurement, car, runs, reserved: What was looked at; ``reserved`` runs were not, until the gain.
+        further: Stretches of a long drive that judge what was found.
         wrong: What the vehicle file gets wrong, as in the finding.
         traces: For pictures: run, channel to (clock, measured, before, after).
         suspects: Every effect with its probability.
@@ -74,6 +75,7 @@ class Diagnosis:
     car: InstrumentedPlant
     runs: list[Run]
     reserved: list[Run]
+    further: list[Run] = field(default_factory=list)
     wrong: list[dict[str, Any]] = field(default_factory=list)
     traces: dict[tuple[str, str], tuple[np.ndarray, ...]] = field(default_factory=dict)
     suspects: list[dict[str, Any]] = field(default_factory=list)
@@ -102,8 +104,9 @@ def diagnose(path: Path, out: Path | None = None, *, workers: int | None = None,
     began = time.perf_counter()
     measurement = load(path)
     car = plant_for(measurement)
-    runs, reserved = _reserve(car.runs(measurement))
-    diagnosis = Diagnosis({}, measurement, car, runs, reserved, notices=_notices(car, runs, reserved))
+    stretches, further = car.stretches(measurement)
+    runs, reserved = _reserve(stretches)
+    diagnosis = Diagnosis({}, measurement, car, runs, reserved, further, notices=_notices(car, runs, reserved))
     for notice in diagnosis.notices:
         say(notice)
     if isinstance(car, RigidPlant):
@@ -183,7 +186,7 @@ def _driveline(diagnosis: Diagnosis, car: FullOrderCar, out: Path | None, worker
     with Predictor(car, runs, declared, workers) as predictor:
         search = Search(predictor, say)
         found = search.run()
-        further, confirmed = car.further_runs(diagnosis.measurement), set()
+        further, confirmed = diagnosis.further, set()
         if len(further) >= FEWEST and found.best.causes:
             say(f"judging what was found on {len(further)} further stretches")
             found, verdicts = Jury(predictor, further, found.noise.floors).judged(found)
@@ -412,5 +415,5 @@ def _extend(diagnosis: Diagnosis, predictor: Predictor, found: Identification, o
         for name, clock in run.clocks.items():
             place = run.slices[name]
             diagnosis.traces[(run.name, name)] = (clock, run.measured[name], before[place], after[place])
-    tried = len({c.effect for c in predictor.coordinates if c.effect})
-    diagnosis.finding["gain"] = {**gained(rows, tried), "estimators": profit(car.source, changes, diagnosis.reserved)}
+    diagnosis.finding["gain"] = {**gained(rows, predictor.tried),
+                                 "estimators": profit(car.source, changes, diagnosis.reserved)}

@@ -130,13 +130,13 @@ class Search:
 
         And plausible, once its derivatives are its own: on its way a fit may touch a limit.
         """
-        return all(self.size(fit, cause) >= SMALLEST and (self._plausible(fit, cause) or not fit.near)
-                   and self._shows(fit, cause) for cause in fit.causes)
+        return (not fit.near or self._plausible(fit)) and all(
+            self.size(fit, cause) >= SMALLEST and self._shows(fit, cause) for cause in fit.causes)
 
-    def _plausible(self, fit: Fit, cause: str) -> bool:
-        """Whether no parameter is at a limit, as far as healthy cars differ: it would have to be beyond."""
-        found = [(fit.shared[i], self.coordinates[i]) for i in self.predictor.index(cause)]
-        return all(c.low + c.tolerance < x < c.high - c.tolerance or abs(x) < c.tolerance for x, c in found)
+    def _plausible(self, fit: Fit) -> bool:
+        """Whether no parameter of a cause is at a limit, as far as healthy cars differ: it would have to be beyond."""
+        return all(c.low + c.tolerance < x < c.high - c.tolerance or abs(x) < c.tolerance
+                   for x, c in zip(fit.shared, self.coordinates) if c.cause in fit.causes)
 
     def _shows(self, fit: Fit, cause: str) -> bool:
         without = self.pool.get(tuple(other for other in fit.causes if other != cause))
@@ -226,8 +226,7 @@ class Search:
             elif not self.challenge(leader):
                 break
         self._put_instead()
-        plausible = [fit for fit in self.worthy() if all(self._plausible(fit, cause) for cause in fit.causes)]
-        leader, *others = self._likeliest(plausible)
+        leader, *others = self._likeliest([fit for fit in self.worthy() if self._plausible(fit)])
         shown = detectable(self.fitter.seen(self.file, self.noise), self.coordinates, -EFFECT)
         return Identification(leader, [leader, *others], self.pool[()], self.noise, self.alike, shown)
 

@@ -172,6 +172,11 @@ class Predictor:
             self._pool.shutdown(cancel_futures=True)
             self._pool = None
 
+    @property
+    def tried(self) -> int:
+        """How many effects could be found."""
+        return len({c.effect for c in self.coordinates if c.effect})
+
     def index(self, cause: str) -> list[int]:
         """Where the parameters of a cause are among the coordinates."""
         return [i for i, c in enumerate(self.coordinates) if c.cause == cause]

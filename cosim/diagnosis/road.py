@@ -9,22 +9,20 @@ import numpy as np
 
 from cosim.diagnosis.plants import FullOrderCar, Run
 from cosim.diagnosis.predict import SLOPES
+from driveline.quantities import InputError
 
 _STEP = 1e-3  # rad: of differences
 _TURNS, _ENOUGH = 6, 1e-5  # of Gauss-Newton; rad: a smaller step ends it
 
 
 def on_its_road(car: FullOrderCar, values: Mapping[str, float], run: Run, floors: Mapping[str, float]) -> Run:
-    """A run left to itself, on the slope that suits a car best; where the slope is known, on that.
+    """A run left to itself, on the slope that suits a car best; where it is known, or no slope can be driven, as it is.
 
     Two cars are compared on a road of their own each: how steep it was depends on what the car is taken for.
 
     Args:
         values: Of the car.
         floors: Noise of each channel.
-
-    Raises:
-        ArithmeticError, InputError: It cannot be simulated.
     """
     run = run.free
     if not run.unknown_road:
@@ -40,8 +38,11 @@ def on_its_road(car: FullOrderCar, values: Mapping[str, float], run: Run, floors
         return (run.stacked - car.predict(values, on(slope))) / scale
 
     for _ in range(_TURNS):
-        left = missed(slope)
-        by_slope = (left - missed(slope + _STEP)) / _STEP
+        try:
+            left = missed(slope)
+            by_slope = (left - missed(slope + _STEP)) / _STEP
+        except (ArithmeticError, InputError):
+            return run
         step = (by_slope @ left - slope / SLOPES**2) / (by_slope @ by_slope + 1.0 / SLOPES**2)
         slope += step
         if abs(step) < _ENOUGH:

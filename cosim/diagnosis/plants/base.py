@@ -52,6 +52,7 @@ class InstrumentedPlant:
         self._plant = self.plant(self.values)
         self._names = [variable.name for variable in self._plant.output_variables]
         self._parameters = {v.name for v in self._plant.variables if v.causality == "parameter"}
+        self._given = np.array([v.causality != "output" for v in self._plant.variables])
         self._begun: tuple[tuple, bytes] = ((), b"")
         # as built: defaults of parameters the file need not give
         self.values = {v.name: v.start for v in self._plant.variables if v.causality == "parameter"} | self.values
@@ -118,8 +119,7 @@ class InstrumentedPlant:
     def _begin(self, substep: float) -> None:
         """Initialise the plant; what begins as the one before, and is driven otherwise later, begins from its state."""
         plant = self._plant
-        given = [v.causality != "output" for v in plant.variables]
-        begun = (plant.values[given].tobytes(), *self._attached())
+        begun = (plant.values[self._given].tobytes(), *self._attached())
         if begun == self._begun[0]:
             plant.restore(self._begun[1])
             return
@@ -158,6 +158,10 @@ class InstrumentedPlant:
             InputError: What drives the plant or every output is missing, or there is nothing to compare.
         """
         raise NotImplementedError
+
+    def stretches(self, measurement: Measurement) -> tuple[list[Run], list[Run]]:
+        """``runs``, and the other stretches of long manoeuvres, which may judge what these show; errors as ``runs``."""
+        return self.runs(measurement), []
 
     def _start(self, run: Run, nuisance: Nuisance) -> None:
         """Set the plant's start parameters."""

@@ -184,15 +184,15 @@ class FullOrderCar(InstrumentedPlant):
         Raises:
             InputError: The engine torque or every output is missing, or the gear cannot be told.
         """
-        found = [run for manoeuvre in measurement.manoeuvres for run in self._cut(manoeuvre)[0]]
+        return self.stretches(measurement)[0]
+
+    def stretches(self, measurement: Measurement) -> tuple[list[Run], list[Run]]:
+        cut = [self._cut(manoeuvre) for manoeuvre in measurement.manoeuvres]
+        found, further = ([run for parts in cut for run in parts[k]] for k in (0, 1))
         if not found:
             raise InputError(f"measurement '{measurement.name}': no stretch of at least 2 s in one forward gear "
                              "above walking pace, so there is nothing to compare")
-        return found
-
-    def further_runs(self, measurement: Measurement) -> list[Run]:
-        """The other stretches of long manoeuvres; errors as ``runs``."""
-        return [run for manoeuvre in measurement.manoeuvres for run in self._cut(manoeuvre)[1]]
+        return found, further
 
     def _cut(self, manoeuvre: Manoeuvre) -> tuple[list[Run], list[Run]]:
         """Its liveliest stretches and the others, each in order of time."""
