@@ -350,18 +350,21 @@ class Search:
                 for other in group if other != gone]
 
     def _cleared(self, leader: Fit) -> list[Fit]:
-        """A leader once more, from the vehicle file with its causes as they were found and nothing else.
+        """A leader once more, from the vehicle file with its causes as they were found and nothing else; and scans.
 
-        On its way from where they were missing everything else was bent towards them, and may be so still.
+        On its way from where they were missing everything else was bent towards them, and may be so still. So are the
+        derivatives on that way: there they are taken anew.
         """
         if not leader.causes or leader.causes in self.cleared:
             return []
         self.cleared.add(leader.causes)
         shared, *points = (as_found(self.predictor, leader, x) for x in (leader.shared, *leader.points))
         start = self.fitter.placed(leader, leader.causes, shared, points)
-        if start is None or self.fitter.assess(start, self.noise).hope < leader.score:
+        if start is None:
             return []
-        return [self.fitter.settle(self._refined(start, self.noise), self.noise, everything=False)]
+        start = self.fitter.assess(self.fitter.relinearise(start), self.noise)
+        again = self.fitter.settle(self._refined(start, self.noise), self.noise, everything=False)
+        return [again, *self._scanned(start)]
 
     def challenge(self, leader: Fit) -> bool:
         """Let others take the lead if they can; whether any came close enough to be settled, or leads."""
@@ -383,7 +386,7 @@ class Search:
         return bool(close) or self.worthy()[0] is not leader
 
     def _scanned(self, start: Fit) -> list[Fit]:
-        """Every cause alone, fitted from where it explains most at once.
+        """Every cause beside those of a start, fitted from where it explains most at once.
 
         A fit that begins without a cause that is there bends everything else towards what is missing, and meets
         flanks that are not the right ones.

@@ -101,9 +101,22 @@ def test_a_leader_is_fitted_once_more_from_the_file():
     bent = fitter.assess(fitter.refine(bent, result.noise), result.noise)
     assert bent.score < best.score - 100.0
     search.cleared.clear()
-    [again] = search._cleared(bent)
+    again, *scanned = search._cleared(bent)
     assert again.score == pytest.approx(best.score, abs=1.0) and again.near
+    assert scanned and all("size" in fit.causes and len(fit.causes) == 2 for fit in scanned)
     assert search._cleared(bent) == []  # once
+
+
+def test_beside_a_leader_fitted_from_the_file_a_cause_beyond_a_local_minimum_is_found():
+    """More than half a period away: from where the leader is bent about what is missing no step leads there."""
+    search, result = found({"size": 0.3, "phase": 0.5})
+    assert result.best.causes == ("phase", "size")
+    start = replace(search.fitter.nominal(), causes=("size",))
+    leader = search.fitter.settle(search.fitter.assess(start, result.noise), result.noise)
+    search.cleared.clear()
+    _, *scanned = search._cleared(leader)
+    settled = [search.fitter.settle(fit, result.noise) for fit in scanned if "phase" in fit.causes]
+    assert max(fit.score for fit in settled) == pytest.approx(result.best.score, abs=1.0)
 
 
 def test_a_leader_is_probed_once(monkeypatch):
