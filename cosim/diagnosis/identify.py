@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from cosim.diagnosis.alike import alike, instead
 from cosim.diagnosis.detectable import detectable
@@ -30,9 +31,13 @@ APART = 3.0  # sigma: rivals closer than this cannot be told from the best
 SMALLEST = 0.9  # of a cause, in detection limits: less is what healthy cars differ by, or an error of another's fit
 _SMALL, _LARGE = (-1.5, 1.5), (-4.0, 4.0)  # sizes of probes, in detection limits
 _SCANNED = 12  # probes that are fitted
+_AFRESH = 3  # suppositions that are fitted by derivatives of their own where a search begins anew
+_SIZED = 6  # causes of which the best size is looked for
+_AROUND, _TRIED = (0.3, 2.5), 7  # the best probe's size: between these multiples of it, by so many simulations
 # Linear log evidence below the leader at which a supposition is not looked at: with a cause more, and without;
 # where another cause stands for the true one its run is bent about it, and that is worth more than noise.
 _PROMISING, _SWAPPED = 25.0, 400.0
+_SWAPPED_CAUSES = 3  # of a leader, at most, where everything is scanned in place of each
 _FURTHER_SCANNED = 6  # further causes that are simulated at large sizes beside the leader's as well
 _PROBED = 4  # of those simulated at small sizes, fitted where they explain more than the leader
 _BESIDE = 3  # further causes that are fitted from where the leader is as well
@@ -106,7 +111,7 @@ class Search:
         plain, noise: That noise, and the same with doubts.
         challenged: The leader that was challenged last.
         tried: Settled rivals that were fitted again from there.
-        cleared: Leaders that were fitted again from the vehicle file.
+        scanned: Causes beside which every other was scanned.
     """
 
     file: Fit
@@ -122,7 +127,7 @@ class Search:
         self.pool: dict[tuple[str, ...], Fit] = {}
         self.challenged: Fit | None = None
         self.tried: set[tuple[str, ...]] = set()
-        self.cleared: set[tuple[str, ...]] = set()
+        self.scanned: set[tuple[str, ...]] = {()}
         self.causes = list(dict.fromkeys(c.cause for c in self.coordinates if c.cause))
 
     def worth(self, fit: Fit) -> bool:
@@ -219,11 +224,11 @@ class Search:
         for _ in range(_TURNS):
             leader = self.worthy()[0]
             if not leader.settled:
-                self.pool[leader.causes] = self.fitter.settle(leader, self.noise)
-                self._enter(self._cleared(self.pool[leader.causes]))
+                leader = self.pool[leader.causes] = self.fitter.settle(leader, self.noise)
+                self._enter(self._afresh(leader, leader.causes))
             elif leader.causes != self.judged:
                 self._judge(leader)
-            elif not self.challenge(leader):
+            elif not self.challenge(leader) and not self._swapped(leader):
                 break
         self._put_instead()
         leader, *others = self._likeliest([fit for fit in self.worthy() if self._plausible(fit)])
@@ -312,7 +317,7 @@ class Search:
             self.causes = [cause for cause in self.causes if cause not in others]
         self._enter([self.fitter.assess(self.fitter.refine(self.file, self.noise, 5), self.noise)])
         self.say("every cause alone, at several sizes")
-        self._enter(self._scanned(self.file))
+        self._enter(self._refined(fit, self.noise) for fit in self._scanned(self.file))
         for fit in self._nearest():
             self.pool[fit.causes] = self.fitter.renewed(fit, self.noise, everything=False)
         self._doubt_again()
@@ -349,22 +354,40 @@ class Search:
         return [(gone, other) for group in self.alike for gone in group if gone in fit.causes
                 for other in group if other != gone]
 
-    def _cleared(self, leader: Fit) -> list[Fit]:
-        """A leader once more, from the vehicle file with its causes as they were found and nothing else; and scans.
+    def _afresh(self, fit: Fit, causes: tuple[str, ...]) -> list[Fit]:
+        """Some causes of a fit once more, from the vehicle file with them as found and nothing else; and a scan there.
 
-        On its way from where they were missing everything else was bent towards them, and may be so still. So are the
-        derivatives on that way: there they are taken anew.
+        On the way from where a cause was missing everything else was bent towards it, and may be so still. So are the
+        derivatives on that way: here they are taken anew. Once for the same causes.
         """
-        if not leader.causes or leader.causes in self.cleared:
+        if causes in self.scanned:
             return []
-        self.cleared.add(leader.causes)
-        shared, *points = (as_found(self.predictor, leader, x) for x in (leader.shared, *leader.points))
-        start = self.fitter.placed(leader, leader.causes, shared, points)
+        self.scanned.add(causes)
+        only = _renamed(fit, causes)
+        shared, *points = (as_found(self.predictor, only, x) for x in (fit.shared, *fit.points))
+        start = self.fitter.placed(fit, causes, shared, points)
         if start is None:
             return []
         start = self.fitter.assess(self.fitter.relinearise(start), self.noise)
-        again = self.fitter.settle(self._refined(start, self.noise), self.noise, everything=False)
-        return [again, *self._scanned(start)]
+        scanned = self._scanned(start)
+        # where a cause moves crossings of the lash the derivatives are others, and a fit by those of the start is stuck
+        own = [self.fitter.assess(self.fitter.relinearise(fit), self.noise)
+               for fit in _best_of_each(scanned, 1)[:_AFRESH]]
+        settled = [self.fitter.settle(self._refined(fit, self.noise), self.noise, everything=False)
+                   for fit in (start, *own)]
+        return [*settled, *(self._refined(fit, self.noise) for fit in scanned)]
+
+    def _swapped(self, leader: Fit) -> bool:
+        """Whether there was still something to put in place of a cause of the leader: scanned beside its others.
+
+        Derivatives at the leader say little of what a cause would do in place of one that moved crossings of the lash.
+        """
+        fits = []
+        if len(leader.causes) <= _SWAPPED_CAUSES:
+            for gone in leader.causes:
+                fits += self._afresh(leader, tuple(cause for cause in leader.causes if cause != gone))
+        self._enter(fits)
+        return bool(fits)
 
     def challenge(self, leader: Fit) -> bool:
         """Let others take the lead if they can; whether any came close enough to be settled, or leads."""
@@ -386,14 +409,41 @@ class Search:
         return bool(close) or self.worthy()[0] is not leader
 
     def _scanned(self, start: Fit) -> list[Fit]:
-        """Every cause beside those of a start, fitted from where it explains most at once.
+        """Every cause beside those of a start, where it explains most at once.
 
         A fit that begins without a cause that is there bends everything else towards what is missing, and meets
         flanks that are not the right ones.
         """
         probes = self.probes(start, self.causes, (*_SMALL, *_LARGE))
         points = [self.fitter.assess(probe, self.noise) for probe in probes]
-        return [self._refined(fit, self.noise) for fit in _best_of_each(points, 2)[:_SCANNED]]
+        points += [self._sized(start, fit) for fit in _best_of_each(points, 1)[:_SIZED]]
+        return _best_of_each(points, 2)[:_SCANNED]
+
+    def _sized(self, start: Fit, probe: Fit) -> Fit:
+        """A probe at the size that explains most, before everything else is fitted to a size that is not right.
+
+        What it would explain with linear nuisances is smooth in the size over many crossings of the lash; what fits
+        reach from sizes nearby is not.
+        """
+        [added] = set(probe.causes) - set(start.causes)
+        place = self.predictor.index(added)[0]
+        c, size = self.coordinates[place], float(probe.shared[place])
+        if c.parameter.probes:
+            return probe
+        best = probe
+
+        def fall(x: float) -> float:
+            nonlocal best
+            shared, *points = (_changed(vector, {place: x}) for vector in (start.shared, *start.points))
+            fit = self.fitter.placed(start, probe.causes, shared, points)
+            if fit is None:
+                return np.inf
+            best = max(best, self.fitter.assess(fit, self.noise), key=lambda fit: fit.hope)
+            return -fit.hope
+
+        ends = sorted((size * _AROUND[0], float(np.clip(size * _AROUND[1], c.low, c.high))))
+        minimize_scalar(fall, bounds=ends, method="bounded", options={"maxiter": _TRIED})
+        return best
 
     def _refined(self, fit: Fit, noise: Noise) -> Fit:
         return self.fitter.assess(self.fitter.refine(fit, noise, 3), self.noise)

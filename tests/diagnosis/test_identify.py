@@ -100,11 +100,11 @@ def test_a_leader_is_fitted_once_more_from_the_file():
     bent = fitter.placed(best, best.causes, best.shared + period, [point + period for point in best.points])
     bent = fitter.assess(fitter.refine(bent, result.noise), result.noise)
     assert bent.score < best.score - 100.0
-    search.cleared.clear()
-    again, *scanned = search._cleared(bent)
+    search.scanned.clear()
+    again, *scanned = search._afresh(bent, bent.causes)
     assert again.score == pytest.approx(best.score, abs=1.0) and again.near
     assert scanned and all("size" in fit.causes and len(fit.causes) == 2 for fit in scanned)
-    assert search._cleared(bent) == []  # once
+    assert search._afresh(bent, bent.causes) == []  # once
 
 
 def test_beside_a_leader_fitted_from_the_file_a_cause_beyond_a_local_minimum_is_found():
@@ -113,10 +113,30 @@ def test_beside_a_leader_fitted_from_the_file_a_cause_beyond_a_local_minimum_is_
     assert result.best.causes == ("phase", "size")
     start = replace(search.fitter.nominal(), causes=("size",))
     leader = search.fitter.settle(search.fitter.assess(start, result.noise), result.noise)
-    search.cleared.clear()
-    _, *scanned = search._cleared(leader)
+    search.scanned.clear()
+    _, *scanned = search._afresh(leader, leader.causes)
     settled = [search.fitter.settle(fit, result.noise) for fit in scanned if "phase" in fit.causes]
     assert max(fit.score for fit in settled) == pytest.approx(result.best.score, abs=1.0)
+
+
+def test_the_size_of_a_probe_is_looked_for_before_anything_is_fitted():
+    """Between the sizes that are tried first, where a fit of everything would end a period off."""
+    search, result = found({"phase": 0.25})
+    start = search.fitter.assess(replace(search.fitter.nominal(), causes=()), result.noise)
+    [probe] = search.probes(start, ["phase"], [1.5])
+    sized = search._sized(start, search.fitter.assess(probe, result.noise))
+    assert probe.shared[0] == pytest.approx(1.5 * DETECTION)
+    assert sized.shared[0] == pytest.approx(0.25, abs=0.02) and not np.any(sized.shared[1:])
+    assert sized.hope > probe.hope + 100.0
+
+
+def test_everything_is_scanned_beside_a_leader_and_in_place_of_each_of_its_causes():
+    search, result = found({"size": 0.3, "curve": 0.8})
+    assert result.best.causes == ("curve", "size")
+    assert {("curve", "size"), ("curve",), ("size",), ()} <= search.scanned
+    assert not search._swapped(result.best)  # nothing is left to scan
+    search.scanned = {()}
+    assert search._swapped(result.best) and search.scanned == {(), ("curve",), ("size",)}
 
 
 def test_a_leader_is_probed_once(monkeypatch):
