@@ -15,7 +15,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from cosim.diagnosis.alike import alike, instead
 from cosim.diagnosis.detectable import detectable
@@ -23,17 +22,14 @@ from cosim.diagnosis.evidence import Evidence, prior
 from cosim.diagnosis.fitting import EFFECT, SETTLED, Fit, Fitter, as_found
 from cosim.diagnosis.noise import Noise
 from cosim.diagnosis.predict import Predictor
+from cosim.diagnosis.scan import LARGE, SMALL, Scan, best_of_each, key
 
 log = logging.getLogger("cosim")
 
 MOST_CAUSES = 9
 APART = 3.0  # sigma: rivals closer than this cannot be told from the best
 SMALLEST = 0.9  # of a cause, in detection limits: less is what healthy cars differ by, or an error of another's fit
-_SMALL, _LARGE = (-1.5, 1.5), (-4.0, 4.0)  # sizes of probes, in detection limits
-_SCANNED = 12  # probes that are fitted
 _AFRESH = 3  # suppositions that are fitted by derivatives of their own where a search begins anew
-_SIZED = 6  # causes of which the best size is looked for
-_AROUND, _TRIED = (0.3, 2.5), 7  # the best probe's size: between these multiples of it, by so many simulations
 # Linear log evidence below the leader at which a supposition is not looked at: with a cause more, and without;
 # where another cause stands for the true one its run is bent about it, and that is worth more than noise.
 _PROMISING, _SWAPPED = 25.0, 400.0
@@ -123,6 +119,7 @@ class Search:
 
     def __init__(self, predictor: Predictor, say: Callable[[str], None] = log.info) -> None:
         self.predictor, self.fitter, self.say = predictor, Fitter(predictor), say
+        self.scan = Scan(self.fitter)
         self.coordinates = predictor.coordinates
         self.pool: dict[tuple[str, ...], Fit] = {}
         self.challenged: Fit | None = None
@@ -162,9 +159,9 @@ class Search:
         sets: set[tuple[str, ...]] = set()
         for cause in self.causes:
             if cause not in fit.causes:
-                sets.add(_key((*fit.causes, cause)))
-                sets.update(_key((*(e for e in fit.causes if e != gone), cause)) for gone in fit.causes)
-        sets.update(_key(e for e in fit.causes if e != gone) for gone in fit.causes)
+                sets.add(key((*fit.causes, cause)))
+                sets.update(key((*(e for e in fit.causes if e != gone), cause)) for gone in fit.causes)
+        sets.update(key(e for e in fit.causes if e != gone) for gone in fit.causes)
 
         def score(causes: tuple[str, ...]) -> float:
             return evidence.posterior(prior(self.coordinates, causes)).log_evidence + self.fitter.log_prior(causes)
@@ -188,34 +185,6 @@ class Search:
             return float(np.sqrt(2.0 * np.mean(np.square(swings))))
         return float(np.linalg.norm(found))
 
-    def probes(self, best: Fit, causes: Iterable[str], sizes: Sequence[float]) -> list[Fit]:
-        """Starts for causes beside those of a fit, each at several sizes.
-
-        Args:
-            best: Whose coordinates the others keep.
-            causes: Which.
-            sizes: In detection limits; those that do nothing while they are small have sizes of their own.
-        """
-        starts = []
-        for cause in causes:
-            mine = [i for i in self.predictor.index(cause) if self.coordinates[i].run is None]
-            if cause in best.causes or not mine:
-                continue
-            declared = {i: self.coordinates[i].parameter for i in mine if self.coordinates[i].parameter.probes}
-            tries: list[dict[int, float]] = []
-            for k in range(max((len(p.probes) for p in declared.values()), default=0)):
-                tries.append({i: p.coordinate(p.probes[min(k, len(p.probes) - 1)]) for i, p in declared.items()})
-            if not tries:
-                first, c = mine[0], self.coordinates[mine[0]]
-                tried = [x * c.parameter.detection for x in sizes]
-                tries = [{first: x} for x in tried if c.low <= x <= c.high]
-            for changes in tries:
-                shared, *points = (_changed(vector, changes) for vector in (best.shared, *best.points))
-                start = self.fitter.placed(best, _key((*best.causes, cause)), shared, points)
-                if start is not None:
-                    starts.append(start)
-        return starts
-
     # -- the search -----------------------------------------------------------------------------
 
     def run(self) -> Identification:
@@ -228,7 +197,7 @@ class Search:
                 self._enter(self._afresh(leader, leader.causes))
             elif leader.causes != self.judged:
                 self._judge(leader)
-            elif not self.challenge(leader) and not self._swapped(leader):
+            elif not self.challenge(leader) and not self._swapped(leader) and not self._compared(leader):
                 break
         self._put_instead()
         leader, *others = self._likeliest([fit for fit in self.worthy() if self._plausible(fit)])
@@ -245,7 +214,7 @@ class Search:
         Three causes that do the same are three chances that one of them is there.
         """
         same = {cause: group[0] for group in self.alike for cause in group}
-        kinds = [_key(same.get(cause, cause) for cause in fit.causes) for fit in fits]
+        kinds = [key(same.get(cause, cause) for cause in fit.causes) for fit in fits]
         together: dict[tuple[str, ...], float] = {}
         for kind, fit in zip(kinds, fits):
             together[kind] = together.get(kind, 0.0) + float(np.exp((fit.score - fits[0].score) / _TEMPER))
@@ -317,7 +286,7 @@ class Search:
             self.causes = [cause for cause in self.causes if cause not in others]
         self._enter([self.fitter.assess(self.fitter.refine(self.file, self.noise, 5), self.noise)])
         self.say("every cause alone, at several sizes")
-        self._enter(self._refined(fit, self.noise) for fit in self._scanned(self.file))
+        self._enter(self._refined(fit, self.noise) for fit in self.scan.starts(self.file, self.causes, self.noise))
         for fit in self._nearest():
             self.pool[fit.causes] = self.fitter.renewed(fit, self.noise, everything=False)
         self._doubt_again()
@@ -337,7 +306,7 @@ class Search:
                 change = instead(self.first, self.coordinates, fit.shared, gone, other)
                 wanted = [x + change for x in (fit.shared, *fit.points)]
                 there = [np.clip(x, layout.low, layout.high) for x in wanted]
-                causes = _key((*(cause for cause in fit.causes if cause != gone), other))
+                causes = key((*(cause for cause in fit.causes if cause != gone), other))
                 start = self.fitter.placed(fit, causes, there[0], there[1:])
                 if start is not None:
                     twin = self._refined(start, self.noise)
@@ -369,10 +338,10 @@ class Search:
         if start is None:
             return []
         start = self.fitter.assess(self.fitter.relinearise(start), self.noise)
-        scanned = self._scanned(start)
+        scanned = self.scan.starts(start, self.causes, self.noise)
         # where a cause moves crossings of the lash the derivatives are others, and a fit by those of the start is stuck
         own = [self.fitter.assess(self.fitter.relinearise(fit), self.noise)
-               for fit in _best_of_each(scanned, 1)[:_AFRESH]]
+               for fit in best_of_each(scanned, 1)[:_AFRESH]]
         settled = [self.fitter.settle(self._refined(fit, self.noise), self.noise, everything=False)
                    for fit in (start, *own)]
         return [*settled, *(self._refined(fit, self.noise) for fit in scanned)]
@@ -389,11 +358,22 @@ class Search:
         self._enter(fits)
         return bool(fits)
 
+    def _compared(self, leader: Fit) -> bool:
+        """Whether rivals that cannot be told from the leader had yet to be settled by everything, as it is.
+
+        Those with all of its causes and more are not: they are where it is.
+        """
+        rivals = [fit for fit in self.worthy() if not fit.settled and not set(leader.causes) <= set(fit.causes)
+                  and separation(leader.score - fit.score) < APART][:_RIVALS]
+        for fit in rivals:
+            self.pool[fit.causes] = self.fitter.settle(fit, self.noise)
+        return bool(rivals)
+
     def challenge(self, leader: Fit) -> bool:
         """Let others take the lead if they can; whether any came close enough to be settled, or leads."""
         self.say("; ".join(f"{'+'.join(fit.causes) or 'healthy'} {fit.score - leader.score:+.0f}"
                            for fit in self.worthy()[:4]))
-        probes = self.probes(leader, self.causes, _SMALL) if leader is not self.challenged else []
+        probes = self.scan.probes(leader, self.causes, SMALL) if leader is not self.challenged else []
         hopes = self._challengers(leader, probes, self.noise, _SHORTLIST)
         if self.noise.temperatures.max() > _DOUBTS_ALIKE:  # what it would take to explain the doubtful runs as well
             self._challengers(leader, probes, self.plain, _SHORTLIST_PLAIN)
@@ -407,43 +387,6 @@ class Search:
         for fit in sorted(close, key=lambda fit: behind[fit.causes])[:_RIVALS]:
             self.pool[fit.causes] = self.fitter.settle(fit, self.noise, everything=False)
         return bool(close) or self.worthy()[0] is not leader
-
-    def _scanned(self, start: Fit) -> list[Fit]:
-        """Every cause beside those of a start, where it explains most at once.
-
-        A fit that begins without a cause that is there bends everything else towards what is missing, and meets
-        flanks that are not the right ones.
-        """
-        probes = self.probes(start, self.causes, (*_SMALL, *_LARGE))
-        points = [self.fitter.assess(probe, self.noise) for probe in probes]
-        points += [self._sized(start, fit) for fit in _best_of_each(points, 1)[:_SIZED]]
-        return _best_of_each(points, 2)[:_SCANNED]
-
-    def _sized(self, start: Fit, probe: Fit) -> Fit:
-        """A probe at the size that explains most, before everything else is fitted to a size that is not right.
-
-        What it would explain with linear nuisances is smooth in the size over many crossings of the lash; what fits
-        reach from sizes nearby is not.
-        """
-        [added] = set(probe.causes) - set(start.causes)
-        place = self.predictor.index(added)[0]
-        c, size = self.coordinates[place], float(probe.shared[place])
-        if c.parameter.probes:
-            return probe
-        best = probe
-
-        def fall(x: float) -> float:
-            nonlocal best
-            shared, *points = (_changed(vector, {place: x}) for vector in (start.shared, *start.points))
-            fit = self.fitter.placed(start, probe.causes, shared, points)
-            if fit is None:
-                return np.inf
-            best = max(best, self.fitter.assess(fit, self.noise), key=lambda fit: fit.hope)
-            return -fit.hope
-
-        ends = sorted((size * _AROUND[0], float(np.clip(size * _AROUND[1], c.low, c.high))))
-        minimize_scalar(fall, bounds=ends, method="bounded", options={"maxiter": _TRIED})
-        return best
 
     def _refined(self, fit: Fit, noise: Noise) -> Fit:
         return self.fitter.assess(self.fitter.refine(fit, noise, 3), self.noise)
@@ -464,8 +407,8 @@ class Search:
         for sets, tried, count in zip((further, [s for s in fresh if s not in further]), _STARTED, counts):
             tries = [self.start(leader, s, evidence) for s in sets[:tried]]
             if sets is further:
-                tries += self.probes(leader, self._added(leader, further), _LARGE)
-            tries = _best_of_each([self.fitter.assess(start, noise) for start in tries], 1)
+                tries += self.scan.probes(leader, self._added(leader, further), LARGE)
+            tries = best_of_each([self.fitter.assess(start, noise) for start in tries], 1)
             starts += sorted(tries, key=lambda fit: -max(fit.hope - own, promising[fit.causes]))[:count]
         # where the derivatives place them all at once, single runs may be in worse minima than the leader's
         starts += [_renamed(leader, s) for s in further[:_BESIDE]]
@@ -525,7 +468,7 @@ class Search:
 
         What moves crossings of the lash may do nothing by derivatives, and much where it is large enough.
         """
-        fits = _best_of_each([self.fitter.assess(start, noise) for start in probes], 1)
+        fits = best_of_each([self.fitter.assess(start, noise) for start in probes], 1)
         known = {fit.causes: self.pool[fit.causes].hope + _SHORT for fit in fits if fit.causes in self.pool}
         return [fit for fit in fits if fit.hope > max(own, known.get(fit.causes, -np.inf))][:_PROBED]
 
@@ -538,22 +481,3 @@ def separation(lead: float) -> float:
 def _renamed(fit: Fit, causes: tuple[str, ...]) -> Fit:
     """Other causes, as yet where another fit is."""
     return Fit(causes, fit.shared, fit.points, fit.predicted, fit.tangents)
-
-
-def _best_of_each(fits: Iterable[Fit], count: int) -> list[Fit]:
-    """Of each supposition the starts that promise most evidence, best first."""
-    chosen: list[Fit] = []
-    for start in sorted(fits, key=lambda fit: -fit.hope):
-        if sum(fit.causes == start.causes for fit in chosen) < count:
-            chosen.append(start)
-    return chosen
-
-
-def _changed(vector: np.ndarray, changes: Mapping[int, float]) -> np.ndarray:
-    vector = vector.copy()
-    vector[list(changes)] = list(changes.values())
-    return vector
-
-
-def _key(causes: Iterable[str]) -> tuple[str, ...]:
-    return tuple(sorted(causes))

@@ -5,52 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cosim.diagnosis.effect import factor
 from cosim.diagnosis.fitting import Tangent
-from cosim.diagnosis.identify import _SMALL, SMALLEST, Search
+from cosim.diagnosis.identify import SMALLEST, Search
 from cosim.diagnosis.noise import Noise
-from cosim.diagnosis.plants import Run
-from cosim.diagnosis.predict import Coordinate, Predictor
-
-CLOCK = np.arange(0.0, 6.0, 0.02)
-NOISE, RUNS, DETECTION = 0.05, 2, 0.1
-PERIOD = 1.0
-
-
-def coordinate(cause, run=None):
-    p = factor(cause or "start", cause or "start", unit="1", meaning="", spread=1.0, limits=(0.3, 3.0),
-               detection=DETECTION)
-    if not cause:
-        return Coordinate("start", "", "", run, None, 0.3, 0.3, 0.01)
-    return Coordinate(cause, cause, cause, None, p, 0.2 * DETECTION, 1.0, 0.02, -1.0, 1.0)
-
-
-class Plant(Predictor):
-    """A vibration of which one cause changes the phase, one the size, and two the slope alike.
-
-    One of these can be less than the other, or go one way only.
-    """
-
-    def __init__(self, hidden, seed=1, lowest=-0.9):
-        coordinates = [coordinate(cause) for cause in ("phase", "size", "slope", "tilt", "curve")]
-        coordinates[3] = replace(coordinates[3], low=lowest)
-        coordinates += [coordinate("", r) for r in range(RUNS)]
-        random = np.random.default_rng(seed)
-        super().__init__(None, [], coordinates)
-        truth = np.array([hidden.get(c.cause, 0.0) for c in coordinates])
-        self.runs = []
-        for r in range(RUNS):
-            values = self.predict(truth, r) + NOISE * random.standard_normal(CLOCK.size)
-            self.runs.append(Run(f"{r}", "tip_in", 5, 0.0, np.zeros((6000, 1)), 10.0, {"engine_speed": CLOCK},
-                                 {"engine_speed": values}))
-
-    def predict(self, u, run, change=None):
-        phase, size, slope, tilt, curve = u[:5]
-        wave = (1.0 + run) * np.exp(size) * np.sin(2.0 * np.pi * CLOCK * (1.0 + 0.2 * run) / PERIOD + 8.0 * phase)
-        return wave + (slope + tilt) * CLOCK + curve * (CLOCK / 6.0) ** 2 + u[5 + run]
-
-    def bent(self, points):
-        return [np.zeros(CLOCK.size) for _ in points]
+from cosim.diagnosis.scan import SMALL
+from tests.vibration import CLOCK, DETECTION, RUNS, Plant, WithPlay
 
 
 def found(hidden):
@@ -119,17 +78,6 @@ def test_beside_a_leader_fitted_from_the_file_a_cause_beyond_a_local_minimum_is_
     assert max(fit.score for fit in settled) == pytest.approx(result.best.score, abs=1.0)
 
 
-def test_the_size_of_a_probe_is_looked_for_before_anything_is_fitted():
-    """Between the sizes that are tried first, where a fit of everything would end a period off."""
-    search, result = found({"phase": 0.25})
-    start = search.fitter.assess(replace(search.fitter.nominal(), causes=()), result.noise)
-    [probe] = search.probes(start, ["phase"], [1.5])
-    sized = search._sized(start, search.fitter.assess(probe, result.noise))
-    assert probe.shared[0] == pytest.approx(1.5 * DETECTION)
-    assert sized.shared[0] == pytest.approx(0.25, abs=0.02) and not np.any(sized.shared[1:])
-    assert sized.hope > probe.hope + 100.0
-
-
 def test_everything_is_scanned_beside_a_leader_and_in_place_of_each_of_its_causes():
     search, result = found({"size": 0.3, "curve": 0.8})
     assert result.best.causes == ("curve", "size")
@@ -139,30 +87,33 @@ def test_everything_is_scanned_beside_a_leader_and_in_place_of_each_of_its_cause
     assert search._swapped(result.best) and search.scanned == {(), ("curve",), ("size",)}
 
 
+def test_who_cannot_be_told_from_the_leader_is_settled_as_it_is():
+    """By its causes' derivatives alone a rival stays short of where it can get; one that is no rival is left alone."""
+    search, result = found({"size": 0.3})
+    leader = result.best
+    short, far = (replace(search.scan.probes(result.healthy, [cause], [4.0])[0], near=True, score=leader.score - short)
+                  for cause, short in (("curve", 1.0), ("phase", 100.0)))
+    search.pool |= {short.causes: short, far.causes: far}
+    assert search._compared(leader)
+    assert search.pool[short.causes].settled and not search.pool[far.causes].settled
+    assert not search._compared(leader)
+
+
 def test_a_leader_is_probed_once(monkeypatch):
     """Also where it is challenged again, because others came close."""
     search, result = found({"size": 0.4, "curve": 0.9})
-    probed, probes = [], search.probes
+    probed, probes = [], search.scan.probes
 
     def seen(best, causes, sizes):
         probed.append(sizes)
         return probes(best, causes, sizes)
 
-    monkeypatch.setattr(search, "probes", seen)
+    monkeypatch.setattr(search.scan, "probes", seen)
     leader = search.fitter.settle(replace(result.best, settled=False), search.noise)
     search.pool[leader.causes] = leader
     for _ in range(3):
         search.challenge(leader)
-    assert probed.count(_SMALL) == 1
-
-
-class WithPlay(Plant):
-    """One cause does nothing while it is small."""
-
-    def predict(self, u, run, change=None):
-        u = u.copy()
-        u[4] = np.sign(u[4]) * max(abs(u[4]) - 0.8 * DETECTION, 0.0)
-        return super().predict(u, run, change)
+    assert probed.count(SMALL) == 1
 
 
 def test_what_derivatives_do_not_show_is_probed(monkeypatch):
