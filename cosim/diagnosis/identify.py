@@ -101,7 +101,7 @@ class Search:
 
     Attributes:
         pool: What was fitted so far, by its causes.
-        file: The vehicle file as it is, and ``first``, what the runs say there.
+        file: The vehicle file as it is, ``first``, what the runs say there, and ``opened``, every cause at its best.
         causes: Which are looked for: of each group of ``alike`` the first.
         judged: The causes of the settled leader whose noise it is compared under; None before there is one.
         plain, noise: That noise, and the same with doubts.
@@ -112,6 +112,7 @@ class Search:
 
     file: Fit
     first: Evidence
+    opened: list[Fit]
     alike: list[tuple[str, ...]]
     judged: tuple[str, ...] | None
     plain: Noise
@@ -124,7 +125,7 @@ class Search:
         self.pool: dict[tuple[str, ...], Fit] = {}
         self.challenged: Fit | None = None
         self.tried: set[tuple[str, ...]] = set()
-        self.scanned: set[tuple[str, ...]] = {()}
+        self.scanned: set[tuple[str, ...]] = set()
         self.causes = list(dict.fromkeys(c.cause for c in self.coordinates if c.cause))
 
     def worth(self, fit: Fit) -> bool:
@@ -194,7 +195,8 @@ class Search:
             leader = self.worthy()[0]
             if not leader.settled:
                 leader = self.pool[leader.causes] = self.fitter.settle(leader, self.noise)
-                self._enter(self._afresh(leader, leader.causes))
+                if leader.causes:
+                    self._enter(self._afresh(leader, leader.causes))
             elif leader.causes != self.judged:
                 self._judge(leader)
             elif not self.challenge(leader) and not self._swapped(leader) and not self._compared(leader):
@@ -286,7 +288,8 @@ class Search:
             self.causes = [cause for cause in self.causes if cause not in others]
         self._enter([self.fitter.assess(self.fitter.refine(self.file, self.noise, 5), self.noise)])
         self.say("every cause alone, at several sizes")
-        self._enter(self._refined(fit, self.noise) for fit in self.scan.starts(self.file, self.causes, self.noise))
+        self.opened = self.scan.starts(self.file, self.causes, self.noise)
+        self._enter(self._refined(fit, self.noise) for fit in self.opened)
         for fit in self._nearest():
             self.pool[fit.causes] = self.fitter.renewed(fit, self.noise, everything=False)
         self._doubt_again()
@@ -332,19 +335,25 @@ class Search:
         if causes in self.scanned:
             return []
         self.scanned.add(causes)
-        only = _renamed(fit, causes)
-        shared, *points = (as_found(self.predictor, only, x) for x in (fit.shared, *fit.points))
-        start = self.fitter.placed(fit, causes, shared, points)
-        if start is None:
-            return []
-        start = self.fitter.assess(self.fitter.relinearise(start), self.noise)
-        scanned = self.scan.starts(start, self.causes, self.noise)
+        start, scanned = self._beside(fit, causes) if causes else (self.file, self.opened)
+        scanned = best_of_each([self.fitter.assess(fit, self.noise) for fit in scanned], 2)
         # where a cause moves crossings of the lash the derivatives are others, and a fit by those of the start is stuck
         own = [self.fitter.assess(self.fitter.relinearise(fit), self.noise)
                for fit in best_of_each(scanned, 1)[:_AFRESH]]
         settled = [self.fitter.settle(self._refined(fit, self.noise), self.noise, everything=False)
                    for fit in (start, *own)]
-        return [*settled, *(self._refined(fit, self.noise) for fit in scanned)]
+        rest = scanned if causes else []  # each cause alone was fitted when the search began
+        return [*settled, *(self._refined(fit, self.noise) for fit in rest)]
+
+    def _beside(self, fit: Fit, causes: tuple[str, ...]) -> tuple[Fit, list[Fit]]:
+        """Some causes of a fit in the vehicle file with derivatives taken there, and every other at its best beside."""
+        only = _renamed(fit, causes)
+        shared, *points = (as_found(self.predictor, only, x) for x in (fit.shared, *fit.points))
+        start = self.fitter.placed(fit, causes, shared, points)
+        if start is None:
+            return fit, []
+        start = self.fitter.assess(self.fitter.relinearise(start), self.noise)
+        return start, self.scan.starts(start, self.causes, self.noise)
 
     def _swapped(self, leader: Fit) -> bool:
         """Whether there was still something to put in place of a cause of the leader: scanned beside its others.

@@ -81,10 +81,19 @@ def test_beside_a_leader_fitted_from_the_file_a_cause_beyond_a_local_minimum_is_
 def test_everything_is_scanned_beside_a_leader_and_in_place_of_each_of_its_causes():
     search, result = found({"size": 0.3, "curve": 0.8})
     assert result.best.causes == ("curve", "size")
-    assert {("curve", "size"), ("curve",), ("size",), ()} <= search.scanned
+    assert {("curve", "size"), ("curve",), ("size",)} <= search.scanned
     assert not search._swapped(result.best)  # nothing is left to scan
-    search.scanned = {()}
-    assert search._swapped(result.best) and search.scanned == {(), ("curve",), ("size",)}
+    search.scanned.clear()
+    assert search._swapped(result.best) and search.scanned == {("curve",), ("size",)}
+
+
+def test_in_place_of_a_single_cause_every_other_is_fitted_by_derivatives_of_its_own():
+    search, result = found({"phase": 0.2})
+    assert () in search.scanned and search._afresh(result.best, ()) == []
+    search.scanned.clear()
+    others = search._afresh(result.best, ())
+    assert len(others) > 1 and all(fit.near and len(fit.causes) <= 1 for fit in others)
+    assert search.pool.keys() >= {fit.causes for fit in others}
 
 
 def test_who_cannot_be_told_from_the_leader_is_settled_as_it_is():
