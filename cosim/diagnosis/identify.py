@@ -3,7 +3,8 @@
 A *supposition* is a set of causes: their parameters may be anything plausible, all others only what a
 healthy car's are. A cause is an effect of the catalogue, or one parameter of an effect whose parameters mean
 something alone. Of causes that do the same in these recordings one is looked for (``alike``). Every cause alone is
-simulated at several sizes, and the best of these are fitted; whoever leads is then challenged by every cause added,
+simulated at several sizes, and the best of these are fitted (``scan``); so is every cause beside whoever leads
+then, and in place of each of its causes, from the vehicle file anew. Whoever leads is challenged by every cause added,
 dropped or swapped, which its derivatives rank; those that may win are fitted by simulation and compared under one
 noise. At last those that do the same take the places of what was found. ``docs/diagnosis.md`` says why.
 """
