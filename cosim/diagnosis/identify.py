@@ -30,7 +30,7 @@ log = logging.getLogger("cosim")
 MOST_CAUSES = 9
 APART = 3.0  # sigma: rivals closer than this cannot be told from the best
 SMALLEST = 0.9  # of a cause, in detection limits: less is what healthy cars differ by, or an error of another's fit
-_AFRESH = 3  # suppositions that are fitted by derivatives of their own where a search begins anew
+_AFRESH = 2  # suppositions that are fitted by derivatives of their own where a search begins anew
 # Linear log evidence below the leader at which a supposition is not looked at: with a cause more, and without;
 # where another cause stands for the true one its run is bent about it, and that is worth more than noise.
 _PROMISING, _SWAPPED = 25.0, 400.0
@@ -339,8 +339,9 @@ class Search:
         start, scanned = self._beside(fit, causes) if causes else (self.file, self.opened)
         scanned = best_of_each([self.fitter.assess(fit, self.noise) for fit in scanned], 2)
         # where a cause moves crossings of the lash the derivatives are others, and a fit by those of the start is stuck
-        own = [self.fitter.assess(self.fitter.relinearise(fit), self.noise)
-               for fit in best_of_each(scanned, 1)[:_AFRESH]]
+        near = {causes for causes, fit in self.pool.items() if fit.near}
+        fresh = [fit for fit in best_of_each(scanned, 1) if fit.causes not in near]
+        own = [self.fitter.assess(self.fitter.relinearise(fit), self.noise) for fit in fresh[:_AFRESH]]
         settled = [self.fitter.settle(self._refined(fit, self.noise), self.noise, everything=False)
                    for fit in (start, *own)]
         rest = scanned if causes else []  # each cause alone was fitted when the search began
