@@ -81,7 +81,7 @@ class Jury:
         return replace(found, best=kept[0], alternatives=kept), verdicts[found.best.causes]
 
     def _judged(self, fits: Mapping[tuple[str, ...], Fit], fit: Fit, cause: str) -> Verdict:
-        rest = tuple(other for other in fit.causes if other != cause)
+        rest = fit.without(cause)
         without = fits.get(rest) or self._stripped(fit, rest)
         before, after = self._errors(without), self._errors(fit)
         chance = paired(before, after)

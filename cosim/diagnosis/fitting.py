@@ -88,6 +88,10 @@ class Fit:
         """The effects of the catalogue that its causes belong to."""
         return tuple(dict.fromkeys(cause.partition(":")[0] for cause in self.causes))
 
+    def without(self, gone: str) -> tuple[str, ...]:
+        """Its causes but for one."""
+        return tuple(cause for cause in self.causes if cause != gone)
+
 
 class Fitter:
     """Fits suppositions to the runs of a predictor, and says how evident they are.

@@ -143,7 +143,7 @@ class Search:
                    for x, c in zip(fit.shared, self.coordinates) if c.cause in fit.causes)
 
     def _shows(self, fit: Fit, cause: str) -> bool:
-        without = self.pool.get(tuple(other for other in fit.causes if other != cause))
+        without = self.pool.get(fit.without(cause))
         return without is None or not without.causes or self.fitter.shows(fit, without)
 
     # -- screening ------------------------------------------------------------------------------
@@ -162,8 +162,8 @@ class Search:
         for cause in self.causes:
             if cause not in fit.causes:
                 sets.add(key((*fit.causes, cause)))
-                sets.update(key((*(e for e in fit.causes if e != gone), cause)) for gone in fit.causes)
-        sets.update(key(e for e in fit.causes if e != gone) for gone in fit.causes)
+                sets.update(key((*fit.without(gone), cause)) for gone in fit.causes)
+        sets.update(fit.without(gone) for gone in fit.causes)
 
         def score(causes: tuple[str, ...]) -> float:
             return evidence.posterior(prior(self.coordinates, causes)).log_evidence + self.fitter.log_prior(causes)
@@ -200,7 +200,7 @@ class Search:
                     self._enter(self._afresh(leader, leader.causes))
             elif leader.causes != self.judged:
                 self._judge(leader)
-            elif not self.challenge(leader) and not self._swapped(leader) and not self._compared(leader):
+            elif not self.challenge(leader) and not self._swapped(leader) and not self._rivals_settled(leader):
                 break
         self._put_instead()
         leader, *others = self._likeliest([fit for fit in self.worthy() if self._plausible(fit)])
@@ -310,7 +310,7 @@ class Search:
                 change = instead(self.first, self.coordinates, fit.shared, gone, other)
                 wanted = [x + change for x in (fit.shared, *fit.points)]
                 there = [np.clip(x, layout.low, layout.high) for x in wanted]
-                causes = key((*(cause for cause in fit.causes if cause != gone), other))
+                causes = key((*fit.without(gone), other))
                 start = self.fitter.placed(fit, causes, there[0], there[1:])
                 if start is not None:
                     twin = self._refined(start, self.noise)
@@ -336,8 +336,11 @@ class Search:
         if causes in self.scanned:
             return []
         self.scanned.add(causes)
-        start, scanned = self._beside(fit, causes) if causes else (self.file, self.opened)
-        scanned = best_of_each([self.fitter.assess(fit, self.noise) for fit in scanned], 2)
+        start = self._in_file(fit, causes) if causes else self.file
+        if start is None:
+            return []
+        scanned = (self.scan.starts(start, self.causes, self.noise) if causes
+                   else [self.fitter.assess(opened, self.noise) for opened in self.opened])
         # where a cause moves crossings of the lash the derivatives are others, and a fit by those of the start is stuck
         near = {causes for causes, fit in self.pool.items() if fit.near}
         fresh = [fit for fit in best_of_each(scanned, 1) if fit.causes not in near]
@@ -347,15 +350,12 @@ class Search:
         rest = scanned if causes else []  # each cause alone was fitted when the search began
         return [*settled, *(self._refined(fit, self.noise) for fit in rest)]
 
-    def _beside(self, fit: Fit, causes: tuple[str, ...]) -> tuple[Fit, list[Fit]]:
-        """Some causes of a fit in the vehicle file with derivatives taken there, and every other at its best beside."""
+    def _in_file(self, fit: Fit, causes: tuple[str, ...]) -> Fit | None:
+        """Some causes of a fit in the vehicle file, with derivatives taken there; None where it cannot be simulated."""
         only = _renamed(fit, causes)
         shared, *points = (as_found(self.predictor, only, x) for x in (fit.shared, *fit.points))
         start = self.fitter.placed(fit, causes, shared, points)
-        if start is None:
-            return fit, []
-        start = self.fitter.assess(self.fitter.relinearise(start), self.noise)
-        return start, self.scan.starts(start, self.causes, self.noise)
+        return start and self.fitter.assess(self.fitter.relinearise(start), self.noise)
 
     def _swapped(self, leader: Fit) -> bool:
         """Whether there was still something to put in place of a cause of the leader: scanned beside its others.
@@ -365,11 +365,11 @@ class Search:
         fits = []
         if len(leader.causes) <= _SWAPPED_CAUSES:
             for gone in leader.causes:
-                fits += self._afresh(leader, tuple(cause for cause in leader.causes if cause != gone))
+                fits += self._afresh(leader, leader.without(gone))
         self._enter(fits)
         return bool(fits)
 
-    def _compared(self, leader: Fit) -> bool:
+    def _rivals_settled(self, leader: Fit) -> bool:
         """Whether rivals that cannot be told from the leader had yet to be settled by everything, as it is.
 
         Those with all of its causes and more are not: they are where it is.

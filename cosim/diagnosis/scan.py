@@ -67,12 +67,8 @@ class Scan:
                 first, c = mine[0], self.coordinates[mine[0]]
                 tried = [x * c.parameter.detection for x in sizes]
                 tries = [{first: x} for x in tried if c.low <= x <= c.high]
-            for changes in tries:
-                shared, *points = (_changed(vector, changes) for vector in (best.shared, *best.points))
-                start = self.fitter.placed(best, key((*best.causes, cause)), shared, points)
-                if start is not None:
-                    starts.append(start)
-        return starts
+            starts += [self._placed(best, cause, changes) for changes in tries]
+        return [start for start in starts if start is not None]
 
     def sized(self, start: Fit, probe: Fit, noise: Noise) -> Fit:
         """A probe at the size that explains most, before everything else is fitted to a size that is not right.
@@ -85,20 +81,23 @@ class Scan:
         c, size = self.coordinates[place], float(probe.shared[place])
         if c.parameter.probes:
             return probe
-        best = probe
+        tried = [probe]
 
         def fall(x: float) -> float:
-            nonlocal best
-            shared, *points = (_changed(vector, {place: x}) for vector in (start.shared, *start.points))
-            fit = self.fitter.placed(start, probe.causes, shared, points)
+            fit = self._placed(start, added, {place: x})
             if fit is None:
                 return np.inf
-            best = max(best, self.fitter.assess(fit, noise), key=lambda fit: fit.hope)
+            tried.append(self.fitter.assess(fit, noise))
             return -fit.hope
 
         ends = sorted((size * _AROUND[0], float(np.clip(size * _AROUND[1], c.low, c.high))))
         minimize_scalar(fall, bounds=ends, method="bounded", options={"maxiter": _TRIED})
-        return best
+        return max(tried, key=lambda fit: fit.hope)
+
+    def _placed(self, start: Fit, cause: str, changes: Mapping[int, float]) -> Fit | None:
+        """A start with a further cause and some coordinates changed; None where that cannot be simulated."""
+        shared, *points = (_changed(vector, changes) for vector in (start.shared, *start.points))
+        return self.fitter.placed(start, key((*start.causes, cause)), shared, points)
 
 
 def best_of_each(fits: Iterable[Fit], count: int) -> list[Fit]:

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from vibration import CLOCK, DETECTION, RUNS, Plant, WithPlay
 
 from cosim.diagnosis.fitting import Tangent
 from cosim.diagnosis.identify import SMALLEST, Search
 from cosim.diagnosis.noise import Noise
 from cosim.diagnosis.scan import SMALL
-from tests.vibration import CLOCK, DETECTION, RUNS, Plant, WithPlay
 
 
 def found(hidden):
@@ -103,9 +103,9 @@ def test_who_cannot_be_told_from_the_leader_is_settled_as_it_is():
     short, far = (replace(search.scan.probes(result.healthy, [cause], [4.0])[0], near=True, score=leader.score - short)
                   for cause, short in (("curve", 1.0), ("phase", 100.0)))
     search.pool |= {short.causes: short, far.causes: far}
-    assert search._compared(leader)
+    assert search._rivals_settled(leader)
     assert search.pool[short.causes].settled and not search.pool[far.causes].settled
-    assert not search._compared(leader)
+    assert not search._rivals_settled(leader)
 
 
 def test_a_leader_is_probed_once(monkeypatch):

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from vibration import DETECTION, Plant
 
 from cosim.diagnosis.fitting import Fitter
 from cosim.diagnosis.scan import LARGE, SMALL, Scan, best_of_each
-from tests.vibration import DETECTION, Plant
 
 
 def scanned(hidden, **limits):
