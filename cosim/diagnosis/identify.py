@@ -23,7 +23,7 @@ from cosim.diagnosis.evidence import Evidence, prior
 from cosim.diagnosis.fitting import EFFECT, SETTLED, Fit, Fitter, as_found
 from cosim.diagnosis.noise import Noise
 from cosim.diagnosis.predict import Predictor
-from cosim.diagnosis.scan import LARGE, SMALL, Scan, best_of_each, key
+from cosim.diagnosis.scan import Scan, best_of_each, key
 
 log = logging.getLogger("cosim")
 
@@ -35,8 +35,6 @@ _AFRESH = 2  # suppositions that are fitted by derivatives of their own where a 
 # where another cause stands for the true one its run is bent about it, and that is worth more than noise.
 _PROMISING, _SWAPPED = 25.0, 400.0
 _SWAPPED_CAUSES = 3  # of a leader, at most, where everything is scanned in place of each
-_FURTHER_SCANNED = 6  # further causes that are simulated at large sizes beside the leader's as well
-_PROBED = 4  # of those simulated at small sizes, fitted where they explain more than the leader
 _BESIDE = 3  # further causes that are fitted from where the leader is as well
 # Suppositions that are simulated where the leader's tangents place them, with a cause more and without; of which are
 # fitted, and as if no run were doubtful. Apart, as every cause that is not there gains its log prior, and one that
@@ -194,10 +192,11 @@ class Search:
         self._open()
         for _ in range(_TURNS):
             leader = self.worthy()[0]
-            if not leader.settled:
-                leader = self.pool[leader.causes] = self.fitter.settle(leader, self.noise)
-                if leader.causes:
-                    self._enter(self._afresh(leader, leader.causes))
+            if leader.causes and leader.causes not in self.scanned:
+                leader = self.pool[leader.causes] = self.fitter.settle(leader, self.noise, everything=False)
+                self._enter(self._afresh(leader, leader.causes))
+            elif not leader.settled:
+                self.pool[leader.causes] = self.fitter.settle(leader, self.noise)
             elif leader.causes != self.judged:
                 self._judge(leader)
             elif not self.challenge(leader) and not self._swapped(leader) and not self._rivals_settled(leader):
@@ -345,10 +344,10 @@ class Search:
         near = {causes for causes, fit in self.pool.items() if fit.near}
         fresh = [fit for fit in best_of_each(scanned, 1) if fit.causes not in near]
         own = [self.fitter.assess(self.fitter.relinearise(fit), self.noise) for fit in fresh[:_AFRESH]]
+        known = not causes  # no cause, and each alone, were fitted when the search began
         settled = [self.fitter.settle(self._refined(fit, self.noise), self.noise, everything=False)
-                   for fit in (start, *own)]
-        rest = scanned if causes else []  # each cause alone was fitted when the search began
-        return [*settled, *(self._refined(fit, self.noise) for fit in rest)]
+                   for fit in (own if known else [start, *own])]
+        return [*settled, *(self._refined(fit, self.noise) for fit in ([] if known else scanned))]
 
     def _in_file(self, fit: Fit, causes: tuple[str, ...]) -> Fit | None:
         """Some causes of a fit in the vehicle file, with derivatives taken there; None where it cannot be simulated."""
@@ -384,10 +383,9 @@ class Search:
         """Let others take the lead if they can; whether any came close enough to be settled, or leads."""
         self.say("; ".join(f"{'+'.join(fit.causes) or 'healthy'} {fit.score - leader.score:+.0f}"
                            for fit in self.worthy()[:4]))
-        probes = self.scan.probes(leader, self.causes, SMALL) if leader is not self.challenged else []
-        hopes = self._challengers(leader, probes, self.noise, _SHORTLIST)
+        hopes = self._challengers(leader, self.noise, _SHORTLIST)
         if self.noise.temperatures.max() > _DOUBTS_ALIKE:  # what it would take to explain the doubtful runs as well
-            self._challengers(leader, probes, self.plain, _SHORTLIST_PLAIN)
+            self._challengers(leader, self.plain, _SHORTLIST_PLAIN)
         self._enter(self._advised(leader, hopes))
         self._doubt_again()
         # what derivatives promise counts as well, its own and the leader's: a fit that fell short may be in another
@@ -402,8 +400,7 @@ class Search:
     def _refined(self, fit: Fit, noise: Noise) -> Fit:
         return self.fitter.assess(self.fitter.refine(fit, noise, 3), self.noise)
 
-    def _challengers(self, leader: Fit, probes: Sequence[Fit], noise: Noise,
-                     counts: tuple[int, int]) -> dict[tuple[str, ...], float]:
+    def _challengers(self, leader: Fit, noise: Noise, counts: tuple[int, int]) -> dict[tuple[str, ...], float]:
         """Put into the pool what may explain more than the leader does under a noise; returns what was promised.
 
         Fitted with the derivatives of the leader, which say which these are.
@@ -414,12 +411,9 @@ class Search:
                      if lead > -(_PROMISING if len(s) > len(leader.causes) else _SWAPPED)}
         fresh = [s for s in promising if not (s in self.pool and self.pool[s].near)]
         further = [s for s in fresh if len(s) > len(leader.causes)]
-        starts = self._probed(own, probes, noise)
+        starts: list[Fit] = []
         for sets, tried, count in zip((further, [s for s in fresh if s not in further]), _STARTED, counts):
-            tries = [self.start(leader, s, evidence) for s in sets[:tried]]
-            if sets is further:
-                tries += self.scan.probes(leader, self._added(leader, further), LARGE)
-            tries = best_of_each([self.fitter.assess(start, noise) for start in tries], 1)
+            tries = [self.fitter.assess(self.start(leader, s, evidence), noise) for s in sets[:tried]]
             starts += sorted(tries, key=lambda fit: -max(fit.hope - own, promising[fit.causes]))[:count]
         # where the derivatives place them all at once, single runs may be in worse minima than the leader's
         starts += [_renamed(leader, s) for s in further[:_BESIDE]]
@@ -457,10 +451,6 @@ class Search:
         start = self.fitter.assess(self.start(fit, causes, evidence), self.noise)
         return self.fitter.settle(self._refined(start, self.noise), self.noise, everything=False)
 
-    def _added(self, leader: Fit, further: Sequence[tuple[str, ...]]) -> list[str]:
-        """The most promising further causes: where the derivatives place them the lash may be crossed otherwise."""
-        return [cause for s in further[:_FURTHER_SCANNED] for cause in set(s) - set(leader.causes)]
-
     def _stuck(self, leader: Fit, promising: Mapping[tuple[str, ...], float]) -> list[tuple[str, ...]]:
         """Settled rivals that fall short of what the leader's derivatives or their own promise, each once for a leader.
 
@@ -473,15 +463,6 @@ class Search:
         stuck = [s for s, lead in leads.items() if lead > -_RIVAL and leader.score + lead > near[s].score + _SHORT]
         self.tried.update(stuck[:_RIVALS])
         return stuck[:_RIVALS]
-
-    def _probed(self, own: float, probes: Sequence[Fit], noise: Noise) -> list[Fit]:
-        """The best probes of causes that promise more than the leader does.
-
-        What moves crossings of the lash may do nothing by derivatives, and much where it is large enough.
-        """
-        fits = best_of_each([self.fitter.assess(start, noise) for start in probes], 1)
-        known = {fit.causes: self.pool[fit.causes].hope + _SHORT for fit in fits if fit.causes in self.pool}
-        return [fit for fit in fits if fit.hope > max(own, known.get(fit.causes, -np.inf))][:_PROBED]
 
 
 def separation(lead: float) -> float:

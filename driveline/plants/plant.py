@@ -17,6 +17,7 @@ from .assembly import GROUND, Network
 
 # Runge-Kutta's method of order four is stable for step times rate below 2.78; this keeps off it.
 STABLE = 2.5
+_NEARLY = 1e-4  # relative step of Newton's method below which its derivatives are kept
 
 STATUS = {
     k.NOT_FINITE: "a state is no longer finite; look for a parameter far from its usual size, or "
@@ -318,13 +319,17 @@ class Plant(KernelModel):
                                    slips @ self.state[:n_nodes]])
 
         for _ in range(3):
-            x = np.append(self.state[unknown], 0.0)
+            x, change = np.append(self.state[unknown], 0.0), np.inf
             for _ in range(12):
                 r = residual(x)
-                steps = 1e-6 * (1.0 + np.abs(x))
-                jacobian = np.column_stack(
-                    [(residual(x + np.eye(1, x.size, j)[0] * h) - r) / h for j, h in enumerate(steps)])
-                delta = np.linalg.lstsq(jacobian, -r, rcond=None)[0]
+                if change > _NEARLY:
+                    jacobian = np.empty((r.size, x.size))
+                    for j, h in enumerate(1e-6 * (1.0 + np.abs(x))):
+                        beside = x.copy()
+                        beside[j] += h
+                        jacobian[:, j] = (residual(beside) - r) / h
+                    inverse = np.linalg.pinv(jacobian, rcond=np.finfo(float).eps * max(jacobian.shape))
+                delta = inverse @ -r
                 x = x + delta
                 change = np.abs(delta).max() / (1.0 + np.abs(x).max())
                 if change < 1e-12:

@@ -9,7 +9,6 @@ from vibration import CLOCK, DETECTION, RUNS, Plant, WithPlay
 from cosim.diagnosis.fitting import Tangent
 from cosim.diagnosis.identify import SMALLEST, Search
 from cosim.diagnosis.noise import Noise
-from cosim.diagnosis.scan import SMALL
 
 
 def found(hidden):
@@ -108,27 +107,35 @@ def test_who_cannot_be_told_from_the_leader_is_settled_as_it_is():
     assert not search._rivals_settled(leader)
 
 
-def test_a_leader_is_probed_once(monkeypatch):
-    """Also where it is challenged again, because others came close."""
-    search, result = found({"size": 0.4, "curve": 0.9})
-    probed, probes = [], search.scan.probes
-
-    def seen(best, causes, sizes):
-        probed.append(sizes)
-        return probes(best, causes, sizes)
-
-    monkeypatch.setattr(search.scan, "probes", seen)
-    leader = search.fitter.settle(replace(result.best, settled=False), search.noise)
-    search.pool[leader.causes] = leader
-    for _ in range(3):
-        search.challenge(leader)
-    assert probed.count(SMALL) == 1
+def test_what_derivatives_do_not_show_is_scanned():
+    assert set(Search(WithPlay({"size": 0.4, "curve": 0.5}), lambda text: None).run().best.causes) == {"size", "curve"}
 
 
-def test_what_derivatives_do_not_show_is_probed(monkeypatch):
-    search = Search(WithPlay({"size": 0.4, "curve": 0.5}), lambda text: None)
-    monkeypatch.setattr(search, "_added", lambda leader, further: [])  # large ones are tried of the most promising
-    assert set(search.run().best.causes) == {"size", "curve"}
+def test_a_leader_is_settled_by_everything_only_after_everything_was_scanned_beside_it(monkeypatch):
+    """There derivatives by everything are taken anew; those taken before would have been for nothing."""
+    search = Search(Plant({"size": 0.3, "phase": 0.5}), lambda text: None)
+    settle, settled = search.fitter.settle, []
+
+    def seen(fit, noise, everything=True):
+        if everything:
+            settled.append((fit.causes, fit.causes in search.scanned))
+        return settle(fit, noise, everything)
+
+    monkeypatch.setattr(search.fitter, "settle", seen)
+    search.run()
+    assert [scanned for causes, scanned in settled if causes == ("phase", "size")][0]
+
+
+def test_a_last_small_step_leaves_the_derivatives_as_they_were_taken():
+    """What it shows beyond them is chance, over next to no step."""
+    search, result = found({"phase": 0.2})
+    fitter, fit = search.fitter, result.best
+    off = 0.01 * np.sqrt(fit.posterior.covariance[0, 0]) * np.eye(len(fit.shared))[0]
+    beside = fitter.placed(fit, fit.causes, fit.shared + off, [point + off for point in fit.points])
+    moved = fitter.renewed(beside, result.noise)
+    assert moved.settled and moved.shared[0] != beside.shared[0]
+    for kept, taken in zip(moved.tangents, fitter.relinearise(beside).tangents):
+        assert np.array_equal(kept.jacobian, taken.jacobian)
 
 
 def test_a_score_is_what_was_reached_and_a_hope_what_derivatives_promise():
@@ -219,7 +226,7 @@ def test_swaps_are_fitted_however_many_causes_could_be_added():
     search, result = found({"size": 0.4, "curve": 0.9})
     leader = search.fitter.settle(result.best, result.noise)
     search.pool = {(): result.healthy, leader.causes: leader}
-    promised = search._challengers(leader, [], result.noise, (1, 2))
+    promised = search._challengers(leader, result.noise, (1, 2))
     swapped = [causes for causes in promised if len(causes) == len(leader.causes)]
     added = [causes for causes in promised if len(causes) > len(leader.causes)]
     assert min(promised[causes] for causes in added) > max(promised[causes] for causes in swapped)
