@@ -335,19 +335,23 @@ class Search:
         if causes in self.scanned:
             return []
         self.scanned.add(causes)
-        start = self._in_file(fit, causes) if causes else self.file
+        if not causes:  # no cause, and each alone, were fitted when the search began
+            return self._by_their_own([self.fitter.assess(opened, self.noise) for opened in self.opened])
+        start = self._in_file(fit, causes)
         if start is None:
             return []
-        scanned = (self.scan.starts(start, self.causes, self.noise) if causes
-                   else [self.fitter.assess(opened, self.noise) for opened in self.opened])
-        # where a cause moves crossings of the lash the derivatives are others, and a fit by those of the start is stuck
+        scanned = self.scan.starts(start, self.causes, self.noise)
+        others = (self._refined(other, self.noise) for other in scanned)
+        return [self._brought_near(start), *self._by_their_own(scanned), *others]
+
+    def _by_their_own(self, starts: Iterable[Fit]) -> list[Fit]:
+        """The best of some starts whose causes are not settled yet, fitted by derivatives taken there.
+
+        Where a cause moves crossings of the lash the derivatives are others, and a fit by those of the start is stuck.
+        """
         near = {causes for causes, fit in self.pool.items() if fit.near}
-        fresh = [fit for fit in best_of_each(scanned, 1) if fit.causes not in near]
-        own = [self.fitter.assess(self.fitter.relinearise(fit), self.noise) for fit in fresh[:_AFRESH]]
-        known = not causes  # no cause, and each alone, were fitted when the search began
-        settled = [self.fitter.settle(self._refined(fit, self.noise), self.noise, everything=False)
-                   for fit in (own if known else [start, *own])]
-        return [*settled, *(self._refined(fit, self.noise) for fit in ([] if known else scanned))]
+        fresh = [fit for fit in best_of_each(starts, 1) if fit.causes not in near][:_AFRESH]
+        return [self._brought_near(self.fitter.assess(self.fitter.relinearise(fit), self.noise)) for fit in fresh]
 
     def _in_file(self, fit: Fit, causes: tuple[str, ...]) -> Fit | None:
         """Some causes of a fit in the vehicle file, with derivatives taken there; None where it cannot be simulated."""
@@ -400,6 +404,10 @@ class Search:
     def _refined(self, fit: Fit, noise: Noise) -> Fit:
         return self.fitter.assess(self.fitter.refine(fit, noise, 3), self.noise)
 
+    def _brought_near(self, start: Fit) -> Fit:
+        """Fitted by derivatives by its causes and the runs' own until they gain no more."""
+        return self.fitter.settle(self._refined(start, self.noise), self.noise, everything=False)
+
     def _challengers(self, leader: Fit, noise: Noise, counts: tuple[int, int]) -> dict[tuple[str, ...], float]:
         """Put into the pool what may explain more than the leader does under a noise; returns what was promised.
 
@@ -448,8 +456,7 @@ class Search:
 
         Its score counts with derivatives of its own, as that of the one it may replace does.
         """
-        start = self.fitter.assess(self.start(fit, causes, evidence), self.noise)
-        return self.fitter.settle(self._refined(start, self.noise), self.noise, everything=False)
+        return self._brought_near(self.fitter.assess(self.start(fit, causes, evidence), self.noise))
 
     def _stuck(self, leader: Fit, promising: Mapping[tuple[str, ...], float]) -> list[tuple[str, ...]]:
         """Settled rivals that fall short of what the leader's derivatives or their own promise, each once for a leader.
