@@ -82,6 +82,14 @@ class Errors:
                            offset=errors.offset + values.get("torque_meter.offset", 0.0))
         return replace(errors, delay=errors.delay + values.get(f"{channel}_sensor.delay", 0.0))
 
+    def instants(self, stamps: np.ndarray) -> np.ndarray:
+        """When was true [s] what the logger wrote at ``stamps``."""
+        return (np.asarray(stamps, dtype=np.float64) - self.clock_offset) / (1.0 + self.clock_drift) - self.delay
+
+    def stamps(self, instants: np.ndarray) -> np.ndarray:
+        """At what time of the logger [s] it wrote what was true at ``instants``."""
+        return (1.0 + self.clock_drift) * (instants + self.delay) + self.clock_offset
+
 
 def observe(raw: Mapping[str, np.ndarray], time: np.ndarray, values: Mapping[str, float], channel: str,
             stamps: np.ndarray) -> np.ndarray:
@@ -105,8 +113,7 @@ def observe(raw: Mapping[str, np.ndarray], time: np.ndarray, values: Mapping[str
     shown = errors.gain * shown + errors.offset
     if errors.filter_period:
         shown = filtered(shown, float(time[1] - time[0]), errors.filter_period, values)
-    instants = (np.asarray(stamps, dtype=np.float64) - errors.clock_offset) / (1.0 + errors.clock_drift)
-    return np.interp(instants - errors.delay, time, shown)
+    return np.interp(errors.instants(stamps), time, shown)
 
 
 def filtered(signal: np.ndarray, step: float, period: float, values: Mapping[str, float]) -> np.ndarray:

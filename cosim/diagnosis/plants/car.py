@@ -13,6 +13,7 @@ from scipy.interpolate import CubicSpline
 from cosim.diagnosis.observation import Errors
 from cosim.diagnosis.plants.base import InstrumentedPlant, compared
 from cosim.diagnosis.plants.gaps import gaps
+from cosim.diagnosis.plants.ripple import beyond_samples, swing
 from cosim.diagnosis.plants.run import STEP, Nuisance, Run
 from cosim.measured import Manoeuvre, Measurement
 from driveline.kernels import network as k
@@ -174,9 +175,19 @@ class FullOrderCar(InstrumentedPlant):
         middle = run.time - 0.5 * STEP
         for name, shown in run.anchors.items():
             errors = Errors.of(name, values)
-            stamps = (1.0 + errors.clock_drift) * (middle + errors.delay) + errors.clock_offset
-            read = shown(np.clip(stamps, shown.x[0], shown.x[-1]))
+            read = shown(np.clip(errors.stamps(middle), shown.x[0], shown.x[-1]))
             inputs[:, self.columns[f"led_{name}"]] = (read - errors.offset) / errors.gain
+
+    def _prepared(self, values: Mapping[str, float], run: Run, nuisance: Nuisance,
+                  torque: np.ndarray | float) -> np.ndarray:
+        """As the base's; the engine speed that leads swings with the ripple, not with what its samples make of that."""
+        inputs = super()._prepared(values, run, nuisance, torque)
+        if "engine_speed" in run.anchors and values["torque_ripple.amplitude"] > 0.0:
+            anchor, lead = ANCHORS["engine_speed"], inputs[:, self.columns["led_engine_speed"]]
+            swings = swing(self._plant, "led_engine_speed", anchor.node, anchor.gain, lead)
+            lead += beyond_samples(swings, run.time - 0.5 * STEP, run.anchors["engine_speed"],
+                                   Errors.of("engine_speed", values))
+        return inputs
 
     def runs(self, measurement: Measurement) -> list[Run]:
         """The manoeuvres of a measurement; of long ones the liveliest stretches of one gear.
