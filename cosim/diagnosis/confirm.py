@@ -8,7 +8,7 @@ are alike, do not count.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -64,21 +64,35 @@ class Jury:
         self.predictor, self.runs, self.floors = predictor, list(runs), floors
         self._known: dict[tuple[str, ...], np.ndarray] = {}
 
-    def judged(self, found: Identification) -> tuple[Identification, list[Verdict]]:
+    def judged(self, found: Identification,
+               fitted: Callable[[tuple[str, ...]], Fit]) -> tuple[Identification, list[Verdict]]:
         """Only suppositions of which every cause is confirmed; and what is said of the causes of the best before.
 
-        The phases of what swings are not known in other stretches, so such causes are neither simulated nor asked for.
+        What is confirmed of that one is a supposition too, also where nobody fitted it. The phases of what swings are
+        not known in other stretches, so such causes are neither simulated nor asked for.
+
+        Args:
+            found: What was found on the stretches that were fitted.
+            fitted: Fits some of the causes of the best without the others.
         """
+        best, *others = found.alternatives
         fits = {fit.causes: fit for fit in found.alternatives}
-        kept: list[Fit] = []
-        verdicts: dict[tuple[str, ...], list[Verdict]] = {}
-        for fit in found.alternatives:
+        verdicts = self._asked(fits, best)
+        denied = {verdict.cause for verdict in verdicts if not verdict.confirmed}
+        part = tuple(cause for cause in best.causes if cause not in denied)
+        if part not in fits:
+            fits[part] = fitted(part)
+            others = sorted([*others, fits[part]], key=lambda fit: -fit.score)
+        kept = [] if denied else [best]
+        for fit in others:
             if kept and kept[0].score - fit.score > _FAR:
                 break
-            verdicts[fit.causes] = [self._judged(fits, fit, cause) for cause in fit.causes if not self._swings(cause)]
-            if all(verdict.confirmed for verdict in verdicts[fit.causes]):
+            if all(verdict.confirmed for verdict in self._asked(fits, fit)):
                 kept.append(fit)
-        return replace(found, best=kept[0], alternatives=kept), verdicts[found.best.causes]
+        return replace(found, best=kept[0], alternatives=kept), verdicts
+
+    def _asked(self, fits: Mapping[tuple[str, ...], Fit], fit: Fit) -> list[Verdict]:
+        return [self._judged(fits, fit, cause) for cause in fit.causes if not self._swings(cause)]
 
     def _judged(self, fits: Mapping[tuple[str, ...], Fit], fit: Fit, cause: str) -> Verdict:
         rest = fit.without(cause)

@@ -8,6 +8,7 @@ import os
 import time
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -189,7 +190,8 @@ def _driveline(diagnosis: Diagnosis, car: FullOrderCar, out: Path | None, worker
         further, confirmed = diagnosis.further, set()
         if len(further) >= FEWEST and found.best.causes:
             say(f"judging what was found on {len(further)} further stretches")
-            found, verdicts = Jury(predictor, further, found.noise.floors).judged(found)
+            jury = Jury(predictor, further, found.noise.floors)
+            found, verdicts = jury.judged(found, partial(search.part, found.best))
             for notice in words(verdicts, len(further)):
                 say(notice)
                 diagnosis.notices.append(notice)

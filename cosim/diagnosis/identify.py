@@ -192,7 +192,7 @@ class Search:
         self._open()
         for _ in range(_TURNS):
             leader = self.worthy()[0]
-            if leader.causes and leader.causes not in self.scanned:
+            if leader.causes and leader.causes not in self.scanned:  # by everything it is settled after that
                 leader = self.pool[leader.causes] = self.fitter.settle(leader, self.noise, everything=False)
                 self._enter(self._afresh(leader, leader.causes))
             elif not leader.settled:
@@ -205,6 +205,10 @@ class Search:
         leader, *others = self._likeliest([fit for fit in self.worthy() if self._plausible(fit)])
         shown = detectable(self.fitter.seen(self.file, self.noise), self.coordinates, -EFFECT)
         return Identification(leader, [leader, *others], self.pool[()], self.noise, self.alike, shown)
+
+    def part(self, fit: Fit, causes: tuple[str, ...]) -> Fit:
+        """Some causes of a fit, fitted without its others."""
+        return self._settled(fit, causes, self.fitter.judged(fit, self.noise))
 
     def worthy(self) -> list[Fit]:
         """The suppositions whose causes are large enough to be some, the likeliest first."""
