@@ -69,8 +69,8 @@ def test_a_run_says_more_of_what_it_shows_than_was_known(healthy):
 
 
 def test_a_slope_is_told_from_what_resists_on_the_way_back_only(tmp_path, monkeypatch):
-    """There it pushes the other way, and what resists does not."""
-    fitter, fit, noise = tip_in(tmp_path / "m", "rolling_resistance=1.6")
+    """There it pushes the other way, and what resists does not. Larger than one tip-in shows: 1.66."""
+    fitter, fit, noise = tip_in(tmp_path / "m", "rolling_resistance=2.0")
     rolling, grade = (fitter.settle(fitter.assess(replace(fit, causes=(cause,)), noise), noise)
                       for cause in ("rolling_resistance", "road_grade"))
     for one, rival in ((rolling, grade), (grade, rolling)):
