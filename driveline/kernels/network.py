@@ -93,6 +93,7 @@ QUEUE_SIZE = 1024
 
 # Branches that may stick at the same time.
 MOST_STUCK = 8
+NONE_STUCK = -1.0  # in place of a branch's number
 
 OK, NOT_FINITE, TOO_MANY_EVENTS, QUEUE_FULL = range(4)
 
@@ -255,29 +256,32 @@ def rates(plan, work, y, dy, signal, torque, torque_b, modes, matrix):
 
 
 @kernel
-def stick(plan, work, dy, torque, torque_b, matrix, stuck):
-    """Torques that keep every sticking branch at zero slip acceleration.
+def are_factored(work, matrix, stuck):
+    """Whether the branches that stick are those whose equations were factored last."""
+    factored = matrix + MOST_STUCK * (MOST_STUCK + 2)
+    for i in range(stuck):
+        if work[factored + i] != work[matrix + i]:
+            return False
+    return stuck == MOST_STUCK or work[factored + stuck] == NONE_STUCK
 
-    With G the rows (ratio_a, -ratio_b) of the sticking branches and J the inertias, the torques
-    solve (G J^-1 G^T) T = G a, where a are the accelerations without them. Gauss elimination with
-    pivots on the diagonal: the matrix is symmetric and positive definite, as no two sticking
-    branches close a loop.
+
+@kernel
+def factor_stuck(plan, work, matrix, stuck):
+    """Equations for the torques of the sticking branches, as upper triangle and factors below it.
+
+    Gauss elimination with pivots on the diagonal: the matrix is symmetric and positive definite, as no two
+    sticking branches close a loop. It stays the same until others stick or inertias change.
     """
     table = plan[BRANCH_TABLE]
     inertia = plan[INERTIA]
     system = matrix + MOST_STUCK
-    right = system + MOST_STUCK * MOST_STUCK
+    factored = matrix + MOST_STUCK * (MOST_STUCK + 2)
     for i in range(stuck):
-        b = int(work[matrix + i])
-        row = table + b * BRANCH_COLUMNS
+        row = table + int(work[matrix + i]) * BRANCH_COLUMNS
         node_a = plan[row + NODE_A]
         node_b = plan[row + NODE_B]
         ratio_a = work[plan[row + PARAMETER]]
         ratio_b = work[plan[row + PARAMETER] + 1]
-        acceleration = ratio_a * work[dy + node_a]
-        if node_b >= 0:
-            acceleration -= ratio_b * work[dy + node_b]
-        work[right + i] = acceleration
         for j in range(stuck):
             other = table + int(work[matrix + j]) * BRANCH_COLUMNS
             other_a = plan[other + NODE_A]
@@ -297,10 +301,44 @@ def stick(plan, work, dy, torque, torque_b, matrix, stuck):
         pivot = work[system + i * MOST_STUCK + i]
         for j in range(i + 1, stuck):
             factor = work[system + j * MOST_STUCK + i] / pivot
-            if factor != 0.0:
-                for k in range(i, stuck):
-                    work[system + j * MOST_STUCK + k] -= factor * work[system + i * MOST_STUCK + k]
-                work[right + j] -= factor * work[right + i]
+            for k in range(i + 1, stuck):
+                work[system + j * MOST_STUCK + k] -= factor * work[system + i * MOST_STUCK + k]
+            work[system + j * MOST_STUCK + i] = factor
+    for i in range(stuck):
+        work[factored + i] = work[matrix + i]
+    for i in range(stuck, MOST_STUCK):
+        work[factored + i] = NONE_STUCK
+
+
+@kernel
+def forget_factors(work, matrix):
+    """Nothing is factored, or for inertias that hold no more."""
+    work[matrix + MOST_STUCK * (MOST_STUCK + 2)] = NONE_STUCK
+
+
+@kernel
+def stick(plan, work, dy, torque, torque_b, matrix, stuck):
+    """Torques that keep every sticking branch at zero slip acceleration.
+
+    With G the rows (ratio_a, -ratio_b) of the sticking branches and J the inertias, the torques
+    solve (G J^-1 G^T) T = G a, where a are the accelerations without them.
+    """
+    table = plan[BRANCH_TABLE]
+    inertia = plan[INERTIA]
+    system = matrix + MOST_STUCK
+    right = system + MOST_STUCK * MOST_STUCK
+    if not are_factored(work, matrix, stuck):
+        factor_stuck(plan, work, matrix, stuck)
+    for i in range(stuck):
+        row = table + int(work[matrix + i]) * BRANCH_COLUMNS
+        node_b = plan[row + NODE_B]
+        acceleration = work[plan[row + PARAMETER]] * work[dy + plan[row + NODE_A]]
+        if node_b >= 0:
+            acceleration -= work[plan[row + PARAMETER] + 1] * work[dy + node_b]
+        work[right + i] = acceleration
+    for i in range(stuck):
+        for j in range(i + 1, stuck):
+            work[right + j] -= work[system + j * MOST_STUCK + i] * work[right + i]
     for m in range(stuck):
         i = stuck - 1 - m
         for k in range(i + 1, stuck):
@@ -664,6 +702,7 @@ def network_run(state: F8, plan: I8, constants: F8, work: F8, inputs: F8, output
     modes = torque_b + branches
     observed = modes + branches
     matrix = observed + n_outputs
+    forget_factors(work, matrix)
     for i in range(active):
         work[i] = constants[i]
     if plan[GEARS] > 0:
@@ -701,6 +740,7 @@ def network_run(state: F8, plan: I8, constants: F8, work: F8, inputs: F8, output
             gear = int(inputs[base + plan[GEAR_INPUT]])
             if gear != int(state[clock + GEAR]):
                 shift(plan, state, work, constants, y, modes, gear)
+                forget_factors(work, matrix)
             if gear == 0:
                 work[signal + IN_GEAR] = 0.0
         # the delayed input: remember the new value, look up the old one
@@ -824,6 +864,7 @@ def network_rates(state: F8, plan: I8, constants: F8, work: F8, inputs: F8,
     torque_b = torque + branches
     modes = torque_b + branches
     matrix = modes + branches + plan[OUTPUTS]
+    forget_factors(work, matrix)
     for i in range(active):
         work[i] = constants[i]
     work[signal + IN_GEAR] = 1.0

@@ -38,12 +38,12 @@ def car_and_run(measurement):
     return car, car.runs(measurement)[0]
 
 
-def on_its_own(car, run):
+def on_its_own(values, run):
     """What the full-order plant shows in a run, with nothing of a diagnosis: by the names of its outputs.
 
     With sub-steps that first gear allows too: on its own it may be shifted.
     """
-    plant = FullOrderPlant(car.values | FINE)
+    plant = FullOrderPlant(values | FINE)
     plant["start.vehicle_speed"] = run.start_speed
     for i, variable in enumerate(plant.inputs):
         plant[variable.name] = run.inputs[0, i]
@@ -55,10 +55,26 @@ def on_its_own(car, run):
 def test_without_anchors_it_is_the_full_order_plant(car_and_run):
     car, run = car_and_run
     run = replace(run.free, start=0.0)  # its sensors sample every millisecond, which cuts steps that begin between
-    itself, free = on_its_own(car, run), car.raw(car.values | FINE, run)
+    itself, free = on_its_own(car.values, run), car.raw(car.values | FINE, run)
     assert set(free) == {*CHANNELS, "axle_shaft_torque", "differential_speed"}
     for name in set(free) & set(itself) - {"differential_acceleration"}:
         assert np.array_equal(free[name], itself[name]), name
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.0005, 0.0437])
+def test_torque_that_arrives_within_a_step_does_what_its_mean_over_the_step_does(car_and_run, delay):
+    car, run = car_and_run
+    run, values = replace(run.free, start=0.0), car.values | FINE | {"engine.air_delay": delay}
+    itself, free = on_its_own(values, run), car.raw(values, run)
+    for name, floor in FLOORS.items():
+        if name != "differential_acceleration":
+            assert free[name] == pytest.approx(itself[name], abs=0.1 * floor), name
+
+
+def test_torque_before_it_is_asked_for_is_refused(car_and_run):
+    car, run = car_and_run
+    with pytest.raises(InputError, match="air_delay"):
+        car.raw(car.values | {"engine.air_delay": -0.001}, run)
 
 
 def test_what_was_simulated_before_leaves_no_trace(car_and_run):
@@ -109,7 +125,7 @@ def test_an_accelerometer_shows_the_mean_and_misses_no_impact(car_and_run):
     shown, speed = raw["differential_acceleration"], arm * raw["differential_speed"]
     # its integral is the speed, whatever happened within a step
     assert np.sum(shown[1:-1]) * STEP == pytest.approx(0.5 * (speed[-1] + speed[-2] - speed[1] - speed[0]), abs=1e-9)
-    itself = on_its_own(car, run)["differential_acceleration"]
+    itself = on_its_own(car.values, run)["differential_acceleration"]
     # where it does not jump it is the acceleration itself
     assert np.median(np.abs(shown - itself)) < 0.01 * np.std(itself)
 

@@ -255,9 +255,10 @@ def test_a_tunable_parameter_takes_effect_at_once_and_the_rest_goes_on():
 
 @EVERY_PLANT
 def test_steps_one_by_one_and_in_one_call_give_the_same_run(name):
-    """Up to rounding: (i + 1) dt and i dt + dt differ in the last bit of a double."""
+    """Up to rounding: (i + 1) dt and i dt + dt differ in the last bit of a double. Also through a change of gear."""
     one, many = (plant(name, {"start.vehicle_speed": 12.0}, engine_torque=-30.0) for _ in range(2))
-    rows = input_rows(one, 0.3, 1e-3, **DRIVE)
+    shifts = {"gear": steps((0.0, 5), (0.15, 6))} if name == "plant_fom" else {}
+    rows = input_rows(one, 0.3, 1e-3, **DRIVE, **shifts)
     record = many.simulate(rows, 1e-3)
     for i, row in enumerate(rows):
         one.values[:row.size] = row

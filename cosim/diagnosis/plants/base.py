@@ -107,6 +107,7 @@ class InstrumentedPlant:
             inputs[:, columns[self.driver]] += row(run, np.array(nuisance.wander))
         if nuisance.filled:
             inputs[:, columns[self.driver]] += filled(run.gaps, nuisance.filled, run.time - STEP)
+        inputs[:, columns[self.driver]] = self._arriving(inputs[:, columns[self.driver]])
         if "road_grade" in columns:
             inputs[:, columns["road_grade"]] += nuisance.grade
         self._start(run, nuisance)
@@ -115,6 +116,10 @@ class InstrumentedPlant:
             plant[name] = inputs[0, i]
         self._begin(values["solver.maximum_substep"])
         return inputs
+
+    def _arriving(self, drive: np.ndarray) -> np.ndarray:
+        """What drives the plant at every step as it is put in; the plant itself delays it."""
+        return drive
 
     def _begin(self, substep: float) -> None:
         """Initialise the plant; what begins as the one before, and is driven otherwise later, begins from its state."""
