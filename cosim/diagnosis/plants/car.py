@@ -156,7 +156,7 @@ class FullOrderCar(InstrumentedPlant):
         self._plant["start.vehicle_speed"] = run.start_speed + nuisance.start_speed
 
     def _arriving(self, drive: np.ndarray) -> np.ndarray:
-        """Delayed already, by the mean over every step: in the plant each torque that arrives within one cuts it in two.
+        """Delayed already, by the mean over every step: in the plant what arrives within a step cuts it in two.
 
         All delays begin alike then, too.
         """
