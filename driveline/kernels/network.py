@@ -54,6 +54,7 @@ REACTION = 9   # gain; torque = gain * torque of the reference branch, which doe
 TWO_STAGE = 10 # stiffness, damping, ratio of the first stage, its twist
 RIPPLE = 11    # amplitude, order, phase; reference: place of the angle
 SLIPPING = 12  # as FRICTION, then torque, target and reset time of the control that holds its slip
+LEADING = 13   # gain; torque = gain * (rate - signal), as far as the signal of its reference says
 DRY = (FRICTION, SLIPPING)  # what may stick
 
 # Columns of a branch in `plan`.
@@ -229,6 +230,9 @@ def rates(plan, work, y, dy, signal, torque, torque_b, modes, matrix):
         elif law == RIPPLE:
             t = -work[signal + RUNS] * fade(rate / FADE_SPEED) * ripple_torque(
                 work[y + plan[row + REFERENCE]], work[p + 2], work[p + 3], work[p + 4])
+            supplied -= t * rate
+        elif law == LEADING:
+            t = work[p + 2] * work[signal + plan[row + REFERENCE]] * (rate - work[signal + plan[row + SIGNAL]])
             supplied -= t * rate
         else:  # REACTION
             t = -work[p + 2] * work[torque + plan[row + REFERENCE]]

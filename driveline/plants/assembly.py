@@ -252,6 +252,10 @@ class Assembly:
         """A torque or force ``gain * signal`` on a node."""
         return self._branch(Branch(name, k.SOURCE, node, GROUND, ratio, 0.0, (gain,), signal))
 
+    def leading(self, name: str, node: int, gain: float, signal: int, share: int) -> int:
+        """A torque or force ``gain * (signal - speed)`` on a node, times the signal ``share``."""
+        return self._branch(Branch(name, k.LEADING, node, GROUND, 1.0, 0.0, (gain,), signal, share))
+
     def reaction(self, name: str, node: int, of: int, gain: float) -> int:
         """A torque ``gain`` times that of an earlier branch, which does not feel it (read-out only)."""
         return self._branch(Branch(name, k.REACTION, node, GROUND, 1.0, 0.0, (gain,), reference=of))

@@ -9,7 +9,7 @@ from cosim.diagnosis.diagnose import _notices
 from cosim.diagnosis.fitting import Fitter
 from cosim.diagnosis.hidden import hide
 from cosim.diagnosis.plants import STEP, FullOrderCar, Nuisance
-from cosim.diagnosis.plants.gaps import Gap, filled, gaps
+from cosim.diagnosis.plants.gaps import Gap, filled, gaps, known
 from cosim.diagnosis.predict import FILLED, Predictor, coordinates
 from cosim.measured import Channel, load
 
@@ -57,6 +57,12 @@ def test_what_fills_a_gap_stays_within_it():
     assert torque.max() == pytest.approx(7.0) and time[np.argmax(torque)] == pytest.approx(1.1, abs=STEP)
     assert np.sum(torque) * STEP == pytest.approx(7.0 * 0.2 * 2.0 / np.pi, rel=1e-3)
     assert not np.any(torque[(time <= 1.0) | (time >= 1.2)])
+
+
+def test_between_samples_that_are_far_apart_nothing_is_known():
+    stamps = np.array([0.0, 0.01, 0.021, 0.03, 0.05, 0.06, 0.12, 0.13])  # one frame is lost, then five
+    instants = np.array([0.0, 0.005, 0.04, 0.05, 0.061, 0.1, 0.12, 0.125, 0.13])
+    assert list(known(stamps, instants)) == [True, True, True, True, False, False, False, True, True]
 
 
 # -- in a recording -------------------------------------------------------------------------------

@@ -70,6 +70,18 @@ def test_every_branch_acts_on_its_two_nodes_as_its_ratios_say():
     assert rates[names.index("energy_supplied")] == pytest.approx(11.0 * 6.0)
 
 
+def test_what_leads_a_node_pulls_it_towards_its_signal_as_far_as_another_says():
+    def build(net):
+        a, b = (net.node(name, 0.5, "rad/s", name) for name in ("a", "b"))
+        net.leading("led", a, 6.0, signal=k.ONE, share=k.ONE)
+        net.leading("not led", b, 6.0, signal=k.ONE, share=k.NOISE)  # no noise here
+
+    model = Bench(build, {"a": 3.0, "b": 3.0})
+    rates, torques = model.rates()
+    assert torques[:2] == pytest.approx([12.0, 0.0]) and rates[:2] == pytest.approx([-24.0, 0.0])
+    assert rates[[entry.name for entry in model.network.entries].index("energy_supplied")] == pytest.approx(-36.0)
+
+
 def test_a_read_out_follows_its_branch_and_does_not_act_back():
     def build(net):
         a = net.node("a", 1.0, "rad/s", "turning")

@@ -12,12 +12,12 @@ from scipy.interpolate import CubicSpline
 
 from cosim.diagnosis.observation import Errors
 from cosim.diagnosis.plants.base import InstrumentedPlant, compared
-from cosim.diagnosis.plants.gaps import gaps
+from cosim.diagnosis.plants.gaps import gaps, known
 from cosim.diagnosis.plants.ripple import beyond_samples, swing
 from cosim.diagnosis.plants.run import STEP, Nuisance, Run
 from cosim.measured import Manoeuvre, Measurement
 from driveline.kernels import network as k
-from driveline.plants.assembly import GROUND, Assembly, Term
+from driveline.plants.assembly import Assembly, Term
 from driveline.plants.full_order import FullOrderParameters, FullOrderPlant, input_variable, output_variable
 from driveline.quantities import InputError
 
@@ -108,6 +108,8 @@ class LedPlant(FullOrderPlant):
     inputs = (*FullOrderPlant.inputs,
               *(input_variable(f"led_{name}", anchor.unit, f"measured {name.replace('_', ' ')}")
                 for name, anchor in ANCHORS.items()),
+              *(input_variable(f"leads_{name}", "1", f"1 where the measured {name.replace('_', ' ')} is known, else 0",
+                               start=1.0) for name in ANCHORS),
               input_variable("push", "N.m", "disturbance torque; force [N] on the vehicle, turning [rad/s] of a lash"))
     output_variables = (*(v for v in FullOrderPlant.output_variables if v.name in _COMPUTED),
                         output_variable("differential_speed", "rad/s", "pitch rate of the axle housing"))
@@ -124,8 +126,7 @@ class LedPlant(FullOrderPlant):
         for name in self.led:
             anchor = ANCHORS[name]
             node = list(net.nodes).index(anchor.node)
-            net.source(f"led_{name}", node, anchor.gain, net.signal(f"led_{name}"))
-            net.friction(f"led_{name}_drag", node, GROUND, 0.0, drag=anchor.gain)
+            net.leading(f"led_{name}", node, anchor.gain, net.signal(f"led_{name}"), net.signal(f"leads_{name}"))
         if not self.pushed:
             return
         place = PLACES[self.pushed]
@@ -181,13 +182,15 @@ class FullOrderCar(InstrumentedPlant):
             self._plant.pushed = ""
 
     def _anchor(self, inputs: np.ndarray, values: Mapping[str, float], run: Run) -> None:
-        """What leads the plant, as it was before its sensor was late."""
+        """What leads the plant, as it was before its sensor was late; where frames are lost nothing does."""
         self._plant.led = tuple(run.anchors)
         middle = run.time - 0.5 * STEP
         for name, shown in run.anchors.items():
             errors = Errors.of(name, values)
-            read = shown(np.clip(errors.stamps(middle), shown.x[0], shown.x[-1]))
-            inputs[:, self.columns[f"led_{name}"]] = (read - errors.offset) / errors.gain
+            stamps = np.clip(errors.stamps(middle), shown.x[0], shown.x[-1])
+            inputs[:, self.columns[f"led_{name}"]] = (shown(stamps) - errors.offset) / errors.gain
+            # it starts led, as the equilibrium there and what is asked of it are
+            inputs[1:, self.columns[f"leads_{name}"]] = known(shown.x, stamps[1:])
 
     def _prepared(self, values: Mapping[str, float], run: Run, nuisance: Nuisance,
                   torque: np.ndarray | float) -> np.ndarray:
