@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import ttest_1samp
 
-from cosim.diagnosis.finding import Gain, gained
+from cosim.diagnosis.finding import SOMETHING_ELSE, Gain, gained
 from cosim.diagnosis.inverse import SKEW, SLIGHT, Inverse, Supposition, Torques
 from cosim.diagnosis.plants.rigid import RigidPlant
 from cosim.diagnosis.plants.run import STEP, Run
@@ -22,6 +22,7 @@ LISTED = 0.02  # less probable causes are not listed
 STRUCTURE = 0.2  # share of what is left that goes with one variable, from which on it is no noise
 MOSTLY = 0.5  # from which share on no effect is a cause beside it
 RIVALS = 4  # other explanations that are listed
+FEW = 6  # stretches that are listed one by one
 
 
 @dataclass
@@ -116,11 +117,11 @@ def _proved(inverse: Inverse, tried: Sequence[Supposition]) -> tuple[Supposition
 
 
 def _shares(tried: Sequence[Supposition]) -> dict[str, float]:
-    """Probability of every effect: of all sets that hold it together."""
+    """Probability of every effect: of all sets that hold it, each divided among its effects."""
     weight = np.exp(np.array([s.log_evidence for s in tried]) - tried[0].log_evidence)
-    weight /= weight.sum()
+    weight *= (1.0 - SOMETHING_ELSE) / weight.sum()
     names = {e for s in tried for e in s.effects}
-    return {e: float(sum(w for s, w in zip(tried, weight) if e in s.effects)) for e in names}
+    return {e: float(sum(w / len(s.effects) for s, w in zip(tried, weight) if e in s.effects)) for e in names}
 
 
 def _causes(inverse: Inverse, tried: Sequence[Supposition], best: Supposition,
@@ -156,7 +157,8 @@ def _rivals(tried: Sequence[Supposition], best: Supposition) -> list[dict[str, A
 def _wrong(inverse: Inverse) -> list[dict[str, Any]]:
     """What the vehicle file gets wrong of each channel: its zero, its size, its course."""
     units = {v.name: v.unit for v in (*inverse.plant.plant.inputs, *inverse.plant.plant.output_variables)}
-    where = ", ".join(dict.fromkeys(run.name for run in inverse.runs))
+    names = [run.name for run in inverse.runs]
+    where = ", ".join(names) if len(names) <= FEW else f"{names[0]} to {names[-1]}, {len(names)} stretches"
     healthy, everything = inverse.predicted_errors(()), inverse.predicted_errors(inverse.effects)
     nominal, missing = inverse.needed(inverse.plant.values), inverse.missing_within(())
     found = []

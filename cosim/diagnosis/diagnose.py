@@ -21,7 +21,7 @@ from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.confirm import FEWEST, Jury, words
 from cosim.diagnosis.detectable import would_show
 from cosim.diagnosis.evidence import Layout
-from cosim.diagnosis.finding import gained, unconfirmed
+from cosim.diagnosis.finding import SOMETHING_ELSE, gained, unconfirmed
 from cosim.diagnosis.fitting import Fit, Fitter, as_found
 from cosim.diagnosis.identify import APART, Identification, Search
 from cosim.diagnosis.localise import disturbances, goes_with
@@ -49,7 +49,6 @@ _TOLD = 1.0  # N.m.s: impulse that may be lost where frames are, from which on t
 # Of a cause's probability is left where something else is there, that it may only imitate: of 32 blind cases that were
 # called unknown two had what was named beside it.
 _BESIDE_UNKNOWN = 0.1
-SOMETHING_ELSE = 0.03  # probability that is left for what nobody thought of
 _COMPARED = 4  # rivals that a proposed manoeuvre has to tell from the best
 _DRAWS = 30  # healthy cars
 

@@ -11,6 +11,7 @@ import numpy as np
 from cosim.diagnosis.regression import remaining
 
 BLOCK = 0.5  # s of a recording that stand together where errors before and after are paired
+SOMETHING_ELSE = 0.03  # probability that is left for what nobody thought of
 NOTHING = "nothing"  # for what a missing torque goes with
 _WHAT = {"N": "force", "N.m": "torque", "rad": "twist"}  # that is missing, by its unit
 

@@ -16,6 +16,7 @@ from driveline import vehicles
 from driveline.plants.plant import Plant
 from driveline.quantities import InputError
 
+SHORTEST = 2.0  # s: of what shorter stretches show little can be said
 _RATE = 500.0  # Hz: channels that are sampled faster are thinned, as the driveline does nothing up there
 
 
@@ -179,12 +180,12 @@ class InstrumentedPlant:
         """From when to when [s] all channels are there together.
 
         Raises:
-            InputError: Less than 2 s.
+            InputError: Less than ``SHORTEST``.
         """
         start, stop = manoeuvre.start, manoeuvre.stop
-        if stop - start < 2.0:
+        if stop - start < SHORTEST:
             raise InputError(f"manoeuvre '{manoeuvre.name}': all channels together are there for "
-                             f"{max(stop - start, 0.0):.2g} s; at least 2 s are needed")
+                             f"{max(stop - start, 0.0):.2g} s; at least {SHORTEST:g} s are needed")
         return start, stop
 
     def _driven(self, manoeuvre: Manoeuvre) -> None:

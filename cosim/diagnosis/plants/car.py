@@ -11,7 +11,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from cosim.diagnosis.observation import Errors
-from cosim.diagnosis.plants.base import InstrumentedPlant, compared
+from cosim.diagnosis.plants.base import SHORTEST, InstrumentedPlant, compared
 from cosim.diagnosis.plants.gaps import gaps, known
 from cosim.diagnosis.plants.ripple import beyond_samples, swing
 from cosim.diagnosis.plants.run import STEP, Nuisance, Run
@@ -215,8 +215,8 @@ class FullOrderCar(InstrumentedPlant):
         cut = [self._cut(manoeuvre) for manoeuvre in measurement.manoeuvres]
         found, further = ([run for parts in cut for run in parts[k]] for k in (0, 1))
         if not found:
-            raise InputError(f"measurement '{measurement.name}': no stretch of at least 2 s in one forward gear "
-                             "above walking pace, so there is nothing to compare")
+            raise InputError(f"measurement '{measurement.name}': no stretch of at least {SHORTEST:g} s in one forward "
+                             "gear above walking pace, so there is nothing to compare")
         return found, further
 
     def _cut(self, manoeuvre: Manoeuvre) -> tuple[list[Run], list[Run]]:
@@ -254,7 +254,7 @@ class FullOrderCar(InstrumentedPlant):
             for first, last in _coupled(manoeuvre, begin, end):
                 count = max(1, int(np.ceil((last - first) / LONGEST)))
                 bounds = np.linspace(first, last, count + 1)
-                spans += [(float(a), float(b)) for a, b in zip(bounds, bounds[1:]) if b - a >= 2.0]
+                spans += [(float(a), float(b)) for a, b in zip(bounds, bounds[1:]) if b - a >= SHORTEST]
         return spans
 
     def _run(self, manoeuvre: Manoeuvre, present: Sequence[str], name: str, start: float,

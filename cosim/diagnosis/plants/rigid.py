@@ -22,14 +22,15 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfiltfilt
 
 from cosim.diagnosis.observation import Errors, observe
-from cosim.diagnosis.plants.base import InstrumentedPlant, compared
+from cosim.diagnosis.plants.base import SHORTEST, InstrumentedPlant, compared
 from cosim.diagnosis.plants.run import STEP, Run
-from cosim.measured import Manoeuvre, Measurement
+from cosim.measured import Channel, Manoeuvre, Measurement
 from driveline.kernels import network as k
 from driveline.quantities import InputError
 
 LONGEST = 10.0  # s: stretches into which a recording is cut
 _SMOOTH = 100.0  # Hz: a position is smoothed up to here before it is differentiated
+_MISSED = 2.5  # of nine in ten intervals between samples: a longer one is a gap
 _GRID = 129  # speeds at which friction is asked for, either way
 
 
@@ -68,7 +69,7 @@ class RigidPlant(InstrumentedPlant):
                 for v in self._plant.variables if v.causality == "parameter"}
 
     def runs(self, measurement: Measurement, longest: float = LONGEST) -> list[Run]:
-        """The manoeuvres of a measurement, cut into equal stretches of at most ``longest`` [s].
+        """The manoeuvres of a measurement, cut where frames are lost, and into stretches of at most ``longest`` [s].
 
         Raises:
             InputError: The torque or force of the drive or all motion is missing, or a manoeuvre is too short.
@@ -80,11 +81,32 @@ class RigidPlant(InstrumentedPlant):
         if not any(name in manoeuvre for name in self.motions):
             raise InputError(f"manoeuvre '{manoeuvre.name}' shows no motion: one of {', '.join(self.motions)} "
                              "is needed")
+        spans = []
+        for start, stop in self._whole(manoeuvre):
+            bounds = np.linspace(start, stop, max(1, int(np.ceil((stop - start) / longest))) + 1)
+            spans += list(zip(bounds, bounds[1:]))
+        return [self._run(manoeuvre, manoeuvre.name if len(spans) == 1 else f"{manoeuvre.name}_{i}", a, b)
+                for i, (a, b) in enumerate(spans, start=1)]
+
+    def _whole(self, manoeuvre: Manoeuvre) -> list[tuple[float, float]]:
+        """Spans [s] in which no channel lost frames.
+
+        A motion that is differentiated twice through a gap is that of another bench.
+
+        Raises:
+            InputError: None is long enough.
+        """
+        present = [manoeuvre[name] for name in (self.driver, *self.channels) if name in manoeuvre]
+        lost = sorted(gap for channel in present for gap in _lost(channel))
         start, stop = self._span(manoeuvre)
-        count = max(1, int(np.ceil((stop - start) / longest)))
-        bounds = np.linspace(start, stop, count + 1)
-        return [self._run(manoeuvre, manoeuvre.name if count == 1 else f"{manoeuvre.name}_{i}", a, b)
-                for i, (a, b) in enumerate(zip(bounds, bounds[1:]), start=1)]
+        spans = []
+        for begin, end in [*lost, (stop, stop)]:
+            if min(begin, stop) - start >= SHORTEST:
+                spans.append((start, min(begin, stop)))
+            start = max(start, end)
+        if not spans:
+            raise InputError(f"manoeuvre '{manoeuvre.name}': frames are lost so often that no {SHORTEST:g} s are whole")
+        return spans
 
     def _run(self, manoeuvre: Manoeuvre, name: str, start: float, stop: float) -> Run:
         inputs = self._inputs(manoeuvre, start, stop)
@@ -159,6 +181,13 @@ class RigidPlant(InstrumentedPlant):
         zero = {name: raw[name] + run.measured[name][0] if name.endswith("position") else raw[name]
                 for name in run.clocks}
         return super().instruments(zero, values, run)
+
+
+def _lost(channel: Channel) -> list[tuple[float, float]]:
+    """Spans [s] without samples, longer than its logger's irregular intervals and than what is smoothed."""
+    apart = np.diff(channel.time)
+    wide = np.flatnonzero(apart > max(_MISSED * float(np.quantile(apart, 0.9)), 1.0 / _SMOOTH))
+    return [(float(channel.time[i]), float(channel.time[i + 1])) for i in wide]
 
 
 def _of_speed(law: Callable[[np.ndarray], np.ndarray], speed: np.ndarray) -> np.ndarray:
