@@ -23,6 +23,7 @@ SETTLED = 1.0  # log evidence that a fit with new derivatives may still gain
 _BENT = 2.0  # squared distance [sigma] between a run and its tangent at which derivatives are renewed
 _JUDGED = 2.0  # power of the heavy tail where suppositions are compared
 _ROUNDS = 6  # of new derivatives for a fit
+_COOLING = (1000.0, 100.0, 10.0)  # temperatures of a fit that begins at the vehicle file, before that of the noise
 
 
 @dataclass(frozen=True)
@@ -312,6 +313,17 @@ class Fitter:
             own = [Tangent(here.jacobian, moved.bent) for here, moved in zip(fresh.tangents, fit.tangents)]
             fit = self.assess(replace(fit, tangents=own, near=True), noise)
         fit.settled = fit.near and everything
+        return fit
+
+    def cooled(self, fit: Fit, noise: Noise) -> Fit:
+        """On its way from the vehicle file, as noise that is larger at first becomes nearly what it is.
+
+        By derivatives of where nothing fits yet a step does too much of everything that runs are sensitive to, and
+        a fit that begins with such a step is stuck where the crossings of lashes are others.
+        """
+        for temperature in _COOLING:
+            warm = noise.tempered(np.full(len(self.measured), temperature))
+            fit = self.relinearise(self.refine(fit, warm, 3), everything=False)
         return fit
 
     def settle(self, fit: Fit, noise: Noise, everything: bool = True) -> Fit:

@@ -107,6 +107,7 @@ class Search:
         challenged: The leader that was challenged last.
         tried: Settled rivals that were fitted again from there.
         scanned: Causes beside which every other was scanned.
+        cooled: Whether no cause was fitted from the vehicle file as those with causes are.
     """
 
     file: Fit
@@ -125,6 +126,7 @@ class Search:
         self.challenged: Fit | None = None
         self.tried: set[tuple[str, ...]] = set()
         self.scanned: set[tuple[str, ...]] = set()
+        self.cooled = False
         self.causes = list(dict.fromkeys(c.cause for c in self.coordinates if c.cause))
 
     def worth(self, fit: Fit) -> bool:
@@ -195,6 +197,8 @@ class Search:
             if leader.causes and leader.causes not in self.scanned:  # by everything it is settled after that
                 leader = self.pool[leader.causes] = self.fitter.settle(leader, self.noise, everything=False)
                 self._enter(self._afresh(leader, leader.causes))
+            elif not leader.causes and not self.cooled:
+                self._enter(self._healthy())
             elif not leader.settled:
                 self.pool[leader.causes] = self.fitter.settle(leader, self.noise)
             elif leader.causes != self.judged:
@@ -340,13 +344,19 @@ class Search:
             return []
         self.scanned.add(causes)
         if not causes:  # no cause, and each alone, were fitted when the search began
-            return self._by_their_own([self.fitter.assess(opened, self.noise) for opened in self.opened])
+            opened = [self.fitter.assess(fit, self.noise) for fit in self.opened]
+            return [*self._healthy(), *self._by_their_own(opened)]
         start = self._in_file(fit, causes)
         if start is None:
             return []
         scanned = self.scan.starts(start, self.causes, self.noise)
         others = (self._refined(other, self.noise) for other in scanned)
-        return [self._brought_near(start), *self._by_their_own(scanned), *others]
+        return [self._from_file(start), *self._by_their_own(scanned), *others]
+
+    def _healthy(self) -> list[Fit]:
+        """No cause, from the vehicle file as those with causes are, as soon as it is compared with these; once."""
+        first, self.cooled = not self.cooled, True
+        return [self._from_file(self.file)] if first else []
 
     def _by_their_own(self, starts: Iterable[Fit]) -> list[Fit]:
         """The best of some starts whose causes are not settled yet, fitted by derivatives taken there.
@@ -355,7 +365,7 @@ class Search:
         """
         near = {causes for causes, fit in self.pool.items() if fit.near}
         fresh = [fit for fit in best_of_each(starts, 1) if fit.causes not in near][:_AFRESH]
-        return [self._brought_near(self.fitter.assess(self.fitter.relinearise(fit), self.noise)) for fit in fresh]
+        return [self._from_file(self.fitter.relinearise(fit)) for fit in fresh]
 
     def _in_file(self, fit: Fit, causes: tuple[str, ...]) -> Fit | None:
         """Some causes of a fit in the vehicle file, with derivatives taken there; None where it cannot be simulated."""
@@ -407,6 +417,10 @@ class Search:
 
     def _refined(self, fit: Fit, noise: Noise) -> Fit:
         return self.fitter.assess(self.fitter.refine(fit, noise, 3), self.noise)
+
+    def _from_file(self, start: Fit) -> Fit:
+        """Fitted from the vehicle file with its causes in it."""
+        return self._brought_near(self.fitter.cooled(start, self.noise))
 
     def _brought_near(self, start: Fit) -> Fit:
         """Fitted by derivatives by its causes and the runs' own until they gain no more."""
