@@ -33,7 +33,7 @@ def true_coordinates(listed, hidden):
 
 
 def test_from_the_vehicle_file_it_is_as_good_a_fit_as_from_the_truth(pulses):
-    """Steps by derivatives of where nothing fits ended 800 below, with a lash shifted by nine times its tolerance."""
+    """Steps by derivatives of where nothing fits ended 950 below, with a lash shifted by nine times its tolerance."""
     car, runs, hidden = pulses
     with Predictor(car, runs, coordinates(car, runs)) as predictor:
         fitter = Fitter(predictor)
