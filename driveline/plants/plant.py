@@ -227,7 +227,8 @@ class Plant(KernelModel):
     def state_matrix(self) -> tuple[np.ndarray, list[str]]:
         """Jacobian of the rates of all continuous states but the integrals and the energy ledger.
 
-        Central differences at the present state with the present contact modes and inputs held.
+        Central differences at the present state with the present contact modes and inputs held. What
+        stands still to one side, as a control that is at its end, does so.
 
         Returns:
             The square matrix, and the names of its states.
@@ -239,15 +240,18 @@ class Plant(KernelModel):
         n = int(net.plan[k.CONTINUOUS])
         result = np.zeros(2 * n)
         evaluate = self._rates_kernel.bind(state, net.plan, net.constants, net.work, self._inputs, result)
+        evaluate()
+        at = result[:size].copy()
         for j in range(size):
             h = 1e-5 * (1.0 + abs(state[j]))
             here = state[j]
             state[j] = here + h
             evaluate()
-            column = result[:size].copy()
+            more = result[:size] - at
             state[j] = here - h
             evaluate()
-            matrix[:, j] = (column - result[:size]) / (2.0 * h)
+            less = at - result[:size]
+            matrix[:, j] = np.where((more == 0.0) | (less == 0.0), 0.0, more + less) / (2.0 * h)
             state[j] = here
         return matrix, [entry.name for entry in net.entries[:size]]
 

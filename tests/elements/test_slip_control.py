@@ -153,3 +153,15 @@ def test_order_four_through_sticking_and_letting_go():
     *coarse, finest = errors
     first, second, third = (np.abs(one - finest).max() for one in coarse)
     assert second < first / 11.0 and third < second / 11.0
+
+
+@pytest.mark.parametrize(("speed", "command"), [(0.0, 1.0), (12.0, 0.0)])
+def test_a_car_begins_where_its_control_is_at_an_end(speed, command):
+    """There the rate of what it holds jumps; differences over that made the plant seem too fast for any step."""
+    model = plant("plant_fom", {"start.vehicle_speed": speed, "slip_control.target": 2.0}, engine_torque=20.0,
+                  lockup_command=command)
+    matrix, names = model.state_matrix()
+    held = names.index("lockup_clutch_held")
+    assert matrix[held, held] == 0.0 and np.abs(np.linalg.eigvals(matrix)).max() < 1e4
+    record = run(model, 1.0)
+    assert np.isfinite(record["engine_speed"]).all() and np.ptp(ledger(record)) < 1e-8 * turnover(record)

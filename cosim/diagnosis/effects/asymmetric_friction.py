@@ -13,7 +13,7 @@ EFFECT = Effect(
     parameters=(
         shift("coast_loss_fraction", "asymmetric_friction.coast_loss_fraction", unit="1",
               meaning="loss over carried torque on the coast side beyond that of the drive side",
-              spread=0.08, limits=(-0.03, 0.6), detection=0.06),
+              spread=0.08, limits=(0.0, 0.6), detection=0.06),
     ),
     elsewhere=(
         shift("backward_damping", "asymmetric_friction.backward_damping", unit="N.s/m",
