@@ -41,8 +41,8 @@ LIKELY = 0.05  # causes less probable are not listed
 # not explain it. A run of which something is missing weighs more than a little in each.
 STRANGE = 0.08
 # Nor does it where a torque is missing somewhere beside the causes, of so much log evidence a recording.
-# Right causes leave up to 27 of it, those that imitate what is not in the catalogue 41 to 870.
-MISSING = 40.0
+# Right causes leave up to 26 of it, those that imitate what is not in the catalogue 32 to 503.
+MISSING = 30.0
 # What is missing elsewhere shows at one of them.
 WITNESSES = ("within the transmission", "propeller shaft", "within the axle shafts", "vehicle")
 _TOLD = 1.0  # N.m.s: impulse that may be lost where frames are, from which on that is said

@@ -20,6 +20,7 @@ from cosim.diagnosis.plants.car import PLACES
 from cosim.diagnosis.plants.hats import hats
 from cosim.diagnosis.predict import Predictor
 from cosim.diagnosis.torques import (
+    BENT,
     CONSTANT,
     HEIGHTS,
     LASTING,
@@ -74,13 +75,14 @@ def disturbances(predictor: Predictor, fit: Fit, noise: Noise, places: Collectio
         places: Of ``PLACES``.
     """
     runs, layout = predictor.runs, Layout(predictor.coordinates, len(predictor.runs))
-    healthy = [Healthy(layout, r, fit, (run.stacked - fit.predicted[r]) / noise.least[r], noise.least[r])
-               for r, run in enumerate(runs)]
     signals = [signals_of(predictor, fit, r) for r in range(len(runs))]
     followed = {name: [pieces(name, own, signals) for own in signals] for name in QUICK}
-    supposed = {(place, name): Torque(healthy, [h / scale[:, None] for h, scale in zip(slopes, noise.least)],
-                                      *HEIGHTS[name])
-                for place in places for name, slopes in slopes_of(predictor, fit, place, followed).items()}
+    moved = {(place, name): [h / scale[:, None] for h, scale in zip(slopes, noise.least)]
+             for place in dict.fromkeys((*places, BENT)) for name, slopes in slopes_of(predictor, fit, place, followed).items()}
+    healthy = [Healthy(layout, r, fit, (run.stacked - fit.predicted[r]) / scale, scale, moved[BENT, "twist"][r])
+               for r, (run, scale) in enumerate(zip(runs, noise.least))]
+    supposed = {(place, name): Torque(healthy, slopes, *HEIGHTS[name])
+                for (place, name), slopes in moved.items() if place in places}
     # a plant of another structure is never right to the noise: errors count as what the best supposition leaves
     left = [own.leaves for own in healthy]
     for _ in range(2):

@@ -105,7 +105,7 @@ class Noise:
 
         Args:
             residuals: Stacked, of every run.
-            power: 1 pulls a fit towards what it misses; with 2 what was missed hardly counts.
+            power: 1 pulls a fit towards what it misses; with 2 samples that are missed say hardly anything more.
 
         Returns:
             The noise, and what it costs of each run's log likelihood.
@@ -115,7 +115,10 @@ class Noise:
         for run, residual, least, scale in zip(self.runs, residuals, self.least, self.scales):
             factor = np.maximum(1.0, _local(run, residual) / (_TAIL * least))
             result.scales.append(scale * factor**power)
-            costs.append(float(np.sum(np.log(factor) * (least / scale) ** 2)))
+            # with either power what is missed costs as much: a factor that lets a square shrink below what it was
+            # where the tail begins would reward a miss
+            price = np.log(factor) + 0.5 * _TAIL**2 * (1.0 - factor ** (2.0 - 2.0 * power))
+            costs.append(float(np.sum(price * (least / scale) ** 2)))
         return result, np.array(costs)
 
     def excess(self, residuals: Sequence[np.ndarray]) -> list[dict[str, float]]:

@@ -27,6 +27,8 @@ QUICK = ("wheel angle", *FOLLOWED)
 LASTING, CONSTANT = "lasting", "constant"
 LASTS = 0.3  # s: how long a torque that lasts stays alike
 _KNOTS = 7  # of a curve
+BENT = "within the axle shafts"
+BENDS = 4.0  # N.m: what healthy axle shafts carry beside what is in proportion to their twist, one sigma
 
 
 def signals_of(predictor: Predictor, fit: Fit, r: int) -> dict[str, np.ndarray]:
@@ -105,20 +107,25 @@ class Healthy:
         fit: What is known to be wrong, with its derivatives.
         residual: What it leaves, in units of the noise.
         scale: The noise.
+        bends: What pieces of the torque do to it that its shafts have over their twist beyond a line, in units of the
+            noise: healthy shafts have some, ``BENDS``.
 
     Attributes:
         leaves: Mean square of the residual.
-        slopes: By the coordinates of the run, in units of the noise.
+        slopes: By the coordinates of the run and these pieces, in units of the noise.
         residual: What would be left with all coordinates 0.
     """
 
-    def __init__(self, layout: Layout, run: int, fit: Fit, residual: np.ndarray, scale: np.ndarray) -> None:
+    def __init__(self, layout: Layout, run: int, fit: Fit, residual: np.ndarray, scale: np.ndarray,
+                 bends: np.ndarray) -> None:
         columns = layout.columns[run]
         self.leaves = float(np.mean(residual**2))
-        self.slopes = fit.tangents[run].jacobian / scale[:, None]
-        self.residual = residual + self.slopes @ fit.points[run][columns]
+        slopes = fit.tangents[run].jacobian / scale[:, None]
+        self.residual = residual + slopes @ fit.points[run][columns]
+        self.slopes = np.hstack([slopes, bends])
         spread = prior(layout.coordinates, fit.causes)[layout.shared]
-        self.precision = block_diag(np.diag(1.0 / spread**2), layout.precision[run])
+        self.precision = block_diag(np.diag(1.0 / spread**2), layout.precision[run],
+                                    np.linalg.inv(BENDS**2 * _alike(bends.shape[1])))
         self.square, self.product = self.slopes.T @ self.slopes, self.slopes.T @ self.residual
 
     def explain(self, left: float, product: np.ndarray) -> np.ndarray:

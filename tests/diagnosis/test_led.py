@@ -295,6 +295,18 @@ def test_a_torque_that_follows_what_is_fast_is_found_as_a_curve(car_and_run):
     assert name == "twist" and shape.startswith("rises")
 
 
+@pytest.mark.parametrize(("size", "is_there"), [(4.0, False), (100.0, True)])
+def test_shafts_that_are_a_little_bent_are_healthy(car_and_run, size, is_there):
+    """Those of a plant of another structure are, and in a pulse train that is evident: a null was `unknown`."""
+    car, run = car_and_run
+    raw = car.raw(car.values, run.free)
+    for _ in range(8):
+        twist = raw["axle_shaft_torque"] / (2.0 * car.values["axle_shaft.stiffness"])
+        raw = car.pushed(car.values, run.free, Nuisance(), "within the axle shafts", size * np.tanh(twist / 0.005))
+    found, _ = missing(car, run, raw, WITNESSES)
+    assert (max(d.gain for d in found) > MISSING) is is_there
+
+
 def test_a_torque_that_wanders_as_healthy_ones_do_is_not_missing(car_and_run):
     car, run = car_and_run
     torque = wander(len(run.inputs), STEP, np.random.default_rng(2))

@@ -79,6 +79,20 @@ def test_a_few_seconds_that_do_not_fit_cost_their_logarithm_not_their_square(whi
     assert noise.heavy([white])[1].tolist() == [0.0]
 
 
+@pytest.mark.parametrize("power", [1.0, 2.0])
+def test_what_is_missed_by_more_never_costs_less(white, power):
+    """It did with power 2, from twice to four times the usual errors: healthy cars were passed by what fitted worse."""
+    noise, costs = Noise([run("a", white)], *still()), []
+    missed = (CLOCK > 2.0) & (CLOCK < 3.0)
+    sizes = 0.05 * np.geomspace(0.5, 50.0, 30)
+    for size in sizes:
+        residual = white + size * missed * np.sign(white)
+        heavy, [cost] = noise.heavy([residual], power)
+        costs.append(0.5 * np.sum(heavy.whiten(0, residual) ** 2) + cost)
+    assert np.all(np.diff(costs) > 0.0)
+    assert costs[-1] - costs[-10] == pytest.approx(np.log(sizes[-1] / sizes[-10]) * missed.sum(), rel=0.4)
+
+
 def test_a_run_at_a_temperature_says_less_and_is_no_noisier(white):
     noise = Noise([run("a", white)], *still())
     warm = noise.tempered([4.0])

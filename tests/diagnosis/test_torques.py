@@ -10,9 +10,9 @@ from cosim.diagnosis.effect import factor
 from cosim.diagnosis.evidence import Layout, prior
 from cosim.diagnosis.fitting import Tangent
 from cosim.diagnosis.predict import Coordinate
-from cosim.diagnosis.torques import Healthy, Torque
+from cosim.diagnosis.torques import BENDS, Healthy, Torque
 
-SAMPLES, PIECES, SIZE = 30, 4, 1.7
+SAMPLES, PIECES, KNOTS, SIZE = 30, 4, 3, 1.7
 LEFT = [1.0, 2.5]  # by what the noise's variance is larger
 
 
@@ -37,10 +37,13 @@ def problem():
     layout = Layout(coordinates, len(LEFT))
     # the derivatives are a fit's, which knows of one cause
     fit = SimpleNamespace(causes=("one",), points=[np.zeros(4)] * 2, tangents=[Tangent(s) for s in slopes])
-    healthy = [Healthy(layout, r, fit, y, np.ones(SAMPLES)) for r, y in enumerate(left)]
+    bends = [0.1 * random.standard_normal((SAMPLES, KNOTS)) for _ in LEFT]
+    healthy = [Healthy(layout, r, fit, y, np.ones(SAMPLES), b) for r, (y, b) in enumerate(zip(left, bends))]
     spread = prior(coordinates, fit.causes)
-    usual = [noise * np.eye(SAMPLES) + (s * spread[layout.columns[r]] ** 2) @ s.T.astype(float)
-             for r, (s, noise) in enumerate(zip(slopes, LEFT))]
+    apart = np.abs(np.subtract.outer(np.arange(KNOTS), np.arange(KNOTS)))
+    smooth = BENDS**2 * np.exp(-apart / KNOTS)
+    usual = [noise * np.eye(SAMPLES) + (s * spread[layout.columns[r]] ** 2) @ s.T.astype(float) + b @ smooth @ b.T
+             for r, (s, noise, b) in enumerate(zip(slopes, LEFT, bends))]
     return healthy, pieces, left, usual
 
 
