@@ -78,7 +78,8 @@ def disturbances(predictor: Predictor, fit: Fit, noise: Noise, places: Collectio
     signals = [signals_of(predictor, fit, r) for r in range(len(runs))]
     followed = {name: [pieces(name, own, signals) for own in signals] for name in QUICK}
     moved = {(place, name): [h / scale[:, None] for h, scale in zip(slopes, noise.least)]
-             for place in dict.fromkeys((*places, BENT)) for name, slopes in slopes_of(predictor, fit, place, followed).items()}
+             for place in dict.fromkeys((*places, BENT))
+             for name, slopes in slopes_of(predictor, fit, place, followed).items()}
     healthy = [Healthy(layout, r, fit, (run.stacked - fit.predicted[r]) / scale, scale, moved[BENT, "twist"][r])
                for r, (run, scale) in enumerate(zip(runs, noise.least))]
     supposed = {(place, name): Torque(healthy, slopes, *HEIGHTS[name])
