@@ -27,7 +27,7 @@ QUICK = ("wheel angle", *FOLLOWED)
 LASTING, CONSTANT = "lasting", "constant"
 LASTS = 0.3  # s: how long a torque that lasts stays alike
 _KNOTS = 7  # of a curve
-BENT = "within the axle shafts"
+BENT = "within the axle shafts"  # where a little of it is healthy
 BENDS = 4.0  # N.m: what healthy axle shafts carry beside what is in proportion to their twist, one sigma
 
 
