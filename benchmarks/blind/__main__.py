@@ -3,6 +3,7 @@
     python -m benchmarks.blind --cases 30 --workers 2                        # all categories
     python -m benchmarks.blind --categories single:60 null:100 --no-baselines
     python -m benchmarks.blind --manoeuvres tip_in:5 --no-baselines          # quick: one recording each
+    python -m benchmarks.blind --vehicle any --manoeuvres any --no-baselines # each case a vehicle and drive of its own
     python -m benchmarks.blind --cluster tcp://host:8786 --cases 300         # a dask scheduler's address
     python -m benchmarks.blind --print --out out/blind                       # what is there, nothing is run
 
@@ -23,7 +24,8 @@ from typing import Any
 
 from benchmarks.blind import baselines, score
 from benchmarks.blind import run as blind
-from benchmarks.blind.cases import CATEGORIES, cases, wanted
+from benchmarks.blind.cases import ANY, CATEGORIES, cases, wanted
+from cosim.diagnosis.hidden import VEHICLE
 from cosim.files import write_text
 from cosim.studies.sweep import cores
 from driveline.quantities import InputError
@@ -41,7 +43,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             compared = ([r for r in blind.read(options.out / baselines.LINES) if r["category"] in counts]
                         if (options.out / baselines.LINES).is_file() else [])
         else:
-            chosen = cases(counts, options.seed, options.manoeuvres and tuple(options.manoeuvres.split(",")))
+            manoeuvres = options.manoeuvres if options.manoeuvres in (None, ANY) else tuple(
+                options.manoeuvres.split(","))
+            chosen = cases(counts, options.seed, manoeuvres, options.vehicle)
             with _progress("diagnosis", options.quiet) as told:
                 results = blind.run(chosen, options.out, workers=options.workers, cluster=options.cluster,
                                     progress=told)
@@ -114,7 +118,9 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--out", type=Path, default=Path("out/blind"), help="folder of the results (out/blind)")
     parser.add_argument("--seed", type=int, default=0, help="another one gives other cases")
     parser.add_argument("--manoeuvres", metavar="KIND:GEAR,...",
-                        help="recordings of each case, as driveline hide takes them; the usual ones by default")
+                        help="recordings of each case, as driveline hide takes them; the usual ones by default, "
+                             f"'{ANY}' draws one to three for each case")
+    parser.add_argument("--vehicle", default=VEHICLE, help=f"of each case; {VEHICLE} by default, '{ANY}' draws one")
     parser.add_argument("--baselines", action=argparse.BooleanOptionalAction, default=True,
                         help="also simpler methods on the same cases")
     parser.add_argument("--print", action="store_true", help="only score what is in --out")

@@ -7,15 +7,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.effect import Effect
-from cosim.diagnosis.hidden import COCKTAIL, VALIDATED, VEHICLE, drawn, highest_gear
+from cosim.diagnosis.hidden import COCKTAIL, VEHICLE, drawn, highest_gear, usual_variant
 from cosim.diagnosis.hidden.outside import OUTSIDE, PREFIX
-from cosim.diagnosis.hidden.recordings import asked
+from cosim.diagnosis.hidden.recordings import KINDS, asked
 from cosim.messages import did_you_mean
 from driveline import vehicles
 from driveline.quantities import InputError
@@ -31,6 +31,10 @@ CATEGORIES = {
     "cocktail": "all of thesis table 2.3 at once",
 }
 NEVER_SEEN = ("step", "sweep", "cruise")
+ANY = "any"  # in place of a vehicle or of manoeuvres: each case its own
+CARS = (VEHICLE, "suv_6l80")
+THROUGH_LASH = ("tip_in", "tip_out", "pulse_train", "step")  # kinds of which any case has one at least
+LOWEST, HIGHEST = 3, 8  # gears that are drawn
 
 
 @dataclass(frozen=True)
@@ -44,6 +48,7 @@ class BlindCase:
         seed: Of ``hide``.
         structure: ``same`` or ``other``, of the hidden plant.
         manoeuvres: As ``hide`` takes them; None: the usual ones.
+        vehicle: As ``hide`` takes it.
     """
 
     name: str
@@ -52,6 +57,7 @@ class BlindCase:
     seed: int
     structure: str
     manoeuvres: tuple[str, ...] | None = None
+    vehicle: str = VEHICLE
 
 
 def wanted(entries: Sequence[str], count: int) -> dict[str, int]:
@@ -71,53 +77,75 @@ def wanted(entries: Sequence[str], count: int) -> dict[str, int]:
     return found
 
 
-def cases(counts: Mapping[str, int], seed: int = 0, manoeuvres: tuple[str, ...] | None = None) -> list[BlindCase]:
+def cases(counts: Mapping[str, int], seed: int = 0, manoeuvres: tuple[str, ...] | str | None = None,
+          vehicle: str = VEHICLE) -> list[BlindCase]:
     """The cases of the categories by turns, so that a run that was stopped has some of each.
 
     Args:
         counts: Category to number of cases, below 10000.
         seed: Another one gives other cases throughout.
-        manoeuvres: In place of the usual ones, as ``hide`` takes them.
+        manoeuvres: In place of the usual ones, as ``hide`` takes them; ``any``: one to three, of kinds and in gears
+            that are drawn for each case.
+        vehicle: One that is shipped; ``any``: one of ``CARS``, drawn for each case. The cocktail has its own.
 
     Raises:
-        InputError: There is no such manoeuvre.
+        InputError: There is no such vehicle or manoeuvre.
     """
-    asked(manoeuvres or (), highest_gear(vehicles.load(VEHICLE, VALIDATED).values))
+    for name in CARS if vehicle == ANY else (vehicle,):
+        asked(manoeuvres if manoeuvres and manoeuvres != ANY else (), _top(name))
     rows = [(number, place, name) for place, name in enumerate(CATEGORIES) for number in range(counts.get(name, 0))]
-    found = [_case(name, place, number, seed) for number, place, name in sorted(rows)]
-    return [replace(case, manoeuvres=case.manoeuvres or manoeuvres) for case in found]
+    return [_case(name, place, number, seed, manoeuvres, vehicle) for number, place, name in sorted(rows)]
 
 
-def _case(category: str, place: int, number: int, seed: int) -> BlindCase:
+def _case(category: str, place: int, number: int, seed: int, manoeuvres: tuple[str, ...] | str | None,
+          vehicle: str) -> BlindCase:
     random = np.random.default_rng([seed, place, number])
+    varied = np.random.default_rng([seed, place, number, 1])  # of its own, so that the rest stays the same
+    if vehicle == ANY:
+        vehicle = str(varied.choice(CARS))
     own = (seed * len(CATEGORIES) + place) * 10_000 + number
     # the number's turn in a shuffled round, so that every effect comes once before any comes twice
     rounds = np.random.default_rng([seed, place, number // len(CATALOGUE)])
     turn = list(CATALOGUE)[rounds.permutation(len(CATALOGUE))[number % len(CATALOGUE)]]
-    manoeuvres = None
+    if manoeuvres == ANY:
+        manoeuvres = _drawn_manoeuvres(vehicle, varied)
     if category == "single":
         effects = [turn]
     elif category == "weak":
-        effects = [_weak(CATALOGUE[turn], random)]
+        effects = [_weak(CATALOGUE[turn], vehicle, random)]
     elif category == "pair":
         effects = [turn, str(random.choice([name for name in CATALOGUE if name != turn]))]
     elif category == "outside":
         effects = [PREFIX + list(OUTSIDE)[number % len(OUTSIDE)]]
     elif category == "cocktail":
-        effects = [COCKTAIL]
+        effects, vehicle = [COCKTAIL], VEHICLE
     else:
         effects = []
         if category == "strange":
             kinds = [*NEVER_SEEN, str(random.choice(NEVER_SEEN))]
-            manoeuvres = tuple(f"{kind}:{random.integers(4, 8)}" for kind in kinds)
+            manoeuvres = tuple(f"{kind}:{min(random.integers(4, 8), _top(vehicle))}" for kind in kinds)
     # the other structure for one in three, from the first on
     return BlindCase(f"{category}-{number:03d}", category, tuple(effects), own,
-                     "other" if number % 3 == 0 else "same", manoeuvres)
+                     "other" if number % 3 == 0 else "same", manoeuvres, vehicle)
 
 
-def _weak(effect: Effect, random: np.random.Generator) -> str:
+def _nominal(vehicle: str) -> Mapping[str, float]:
+    return vehicles.load(vehicle, usual_variant(vehicle)).values
+
+
+def _top(vehicle: str) -> int:
+    return highest_gear(_nominal(vehicle))
+
+
+def _drawn_manoeuvres(vehicle: str, random: np.random.Generator) -> tuple[str, ...]:
+    """One to three recordings as somebody may have made them: the first goes through the lash."""
+    kinds = [random.choice(THROUGH_LASH), *random.choice(KINDS, random.integers(0, 3))]
+    return tuple(f"{kind}:{random.integers(LOWEST, min(HIGHEST, _top(vehicle)) + 1)}" for kind in kinds)
+
+
+def _weak(effect: Effect, vehicle: str, random: np.random.Generator) -> str:
     """The effect in the way of ``hide``, with sizes below the detection limit."""
-    nominal = vehicles.load(VEHICLE, VALIDATED).values
+    nominal = _nominal(vehicle)
     share = float(np.exp(random.uniform(np.log(WEAKEST), 0.0)))
     while True:
         sizes = {}

@@ -177,7 +177,7 @@ def examined(case: BlindCase, method: str = DIAGNOSE, code: str | None = None) -
 
 
 def _hidden(case: BlindCase, manoeuvres: Sequence[str] | None, path: Path) -> Hidden:
-    return hide(case.effects, case.seed, path, structure=case.structure, manoeuvres=manoeuvres)
+    return hide(case.effects, case.seed, path, vehicle=case.vehicle, structure=case.structure, manoeuvres=manoeuvres)
 
 
 def _diagnosed(path: Path, method: str) -> tuple[Any, dict[str, Any], float]:

@@ -452,7 +452,8 @@ def line(result: Result) -> str:
                    for name, about in result["truth"]["outside"].items()]
     else:
         hidden = list(result["effects"])
-    text = (f"{result['name']} [{result['structure']}, seed {result['seed']}] hidden: "
+    drive = [result["vehicle"], " ".join(result["manoeuvres"] or ()) or "usual manoeuvres", result["structure"]]
+    text = (f"{result['name']} [{', '.join(drive)}, seed {result['seed']}] hidden: "
             f"{' + '.join(hidden) or 'nothing'}; {verdict(result)}")
     finding = result["finding"]
     if finding is None:

@@ -9,9 +9,10 @@ import pytest
 
 from benchmarks.blind import __main__ as command
 from benchmarks.blind import run as blind
-from benchmarks.blind.cases import CATEGORIES, BlindCase, cases, wanted
+from benchmarks.blind.cases import ANY, CARS, CATEGORIES, THROUGH_LASH, BlindCase, cases, wanted
 from cosim.diagnosis.catalogue import CATALOGUE
-from cosim.diagnosis.hidden import VALIDATED, VEHICLE, sizes_of
+from cosim.diagnosis.hidden import VEHICLE, highest_gear, sizes_of, usual_variant
+from cosim.diagnosis.hidden.recordings import KINDS, asked
 from driveline import vehicles
 from driveline.quantities import InputError
 
@@ -51,9 +52,10 @@ def test_every_effect_comes_once_in_a_round_and_a_third_has_another_structure():
         assert 3 * sum(case.structure == "other" for case in chosen) >= len(chosen)
 
 
-def test_weak_effects_change_something_less_than_the_detection_limit():
-    nominal = vehicles.load(VEHICLE, VALIDATED).values
-    for case in cases({"weak": 3 * len(CATALOGUE)}):
+@pytest.mark.parametrize("vehicle", CARS)
+def test_weak_effects_change_something_less_than_the_detection_limit(vehicle):
+    nominal = vehicles.load(vehicle, usual_variant(vehicle)).values
+    for case in cases({"weak": 3 * len(CATALOGUE)}, vehicle=vehicle):
         name, _, text = case.effects[0].partition("=")
         sizes = sizes_of(CATALOGUE[name], text, nominal, np.random.default_rng(0))
         limits = {p.name: p.detection for p in CATALOGUE[name].parameters}
@@ -78,6 +80,32 @@ def test_other_manoeuvres_are_for_those_that_have_none_of_their_own():
     assert single.seed == cases({"single": 1})[0].seed
     with pytest.raises(InputError, match="tipp_in:5.*did you mean"):
         cases({"single": 1}, manoeuvres=("tipp_in:5",))
+
+
+def test_each_case_may_have_a_vehicle_and_a_drive_of_its_own():
+    counts = dict.fromkeys(CATEGORIES, 40)
+    varied, plain = cases(counts, 5, ANY, ANY), cases(counts, 5)
+    assert varied[:70] == cases(dict.fromkeys(CATEGORIES, 10), 5, ANY, ANY)
+    assert [(case.effects, case.seed) for case in varied if case.category != "weak"] == [
+        (case.effects, case.seed) for case in plain if case.category != "weak"]  # a weak size goes by the vehicle
+    assert {case.vehicle for case in varied} == set(CARS)
+    assert {case.vehicle for case in varied if case.category == "cocktail"} == {VEHICLE}
+    driven = []
+    for case in varied:
+        top = highest_gear(vehicles.load(case.vehicle, usual_variant(case.vehicle)).values)
+        found = asked(case.manoeuvres, top)
+        if case.category != "strange":
+            assert 1 <= len(found) <= 3 and found[0][0] in THROUGH_LASH
+            driven += found
+    assert {kind for kind, _, _ in driven} == set(KINDS) and {gear for _, gear, _ in driven} == set(range(3, 9))
+
+
+def test_a_vehicle_is_one_that_is_shipped_and_has_the_gears():
+    assert {case.vehicle for case in cases({"single": 3}, vehicle="suv_6l80")} == {"suv_6l80"}
+    with pytest.raises(InputError, match="suv_6l8"):
+        cases({"single": 1}, vehicle="suv_6l8")
+    with pytest.raises(InputError, match="gears 1 to 6"):
+        cases({"single": 1}, manoeuvres=("tip_in:8",), vehicle="suv_6l80")
 
 
 def test_the_truth_stands_beside_what_was_found(here):

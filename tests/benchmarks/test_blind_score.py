@@ -40,8 +40,8 @@ def result(category, found, effects=None, outside=None, **more):
         name: {"size": 1.0, "unit": "1", "balance": OUTSIDE[name].balance,
                "driving_variable": OUTSIDE[name].driving_variable} for name in outside or ()}}
     return {"name": f"{category}-0", "category": category, "effects": [*(effects or {})], "seed": 0,
-            "structure": "same", "truth": truth, "finding": found, "error": None, "seconds": 1.0, "gain": None,
-            "shuffle": None, "again": None} | more
+            "structure": "same", "manoeuvres": None, "vehicle": "pickup_10r80", "truth": truth, "finding": found,
+            "error": None, "seconds": 1.0, "gain": None, "shuffle": None, "again": None} | more
 
 
 def perfect():

@@ -117,10 +117,7 @@ def hide(effects: Sequence[str], seed: int, out: Path, *, vehicle: str = VEHICLE
     random = np.random.default_rng([seed, 4])
     structure = structure or ("other" if np.random.default_rng([seed, 7]).uniform() < 1 / 3 else "same")
     wanted = list(effects)
-    if COCKTAIL in wanted:
-        variant = None
-    elif variant is None and vehicle == VEHICLE:
-        variant = VALIDATED
+    variant = None if COCKTAIL in wanted else variant or usual_variant(vehicle)
     nominal = dict(vehicles.load(vehicle, variant).values)
     values, sizes, outside = dict(nominal), {}, {}
     for entry in wanted:
@@ -165,6 +162,11 @@ def hide(effects: Sequence[str], seed: int, out: Path, *, vehicle: str = VEHICLE
     if truth is not None:
         write_text(truth, json.dumps(hidden.as_json(), indent=2) + "\n")
     return hidden
+
+
+def usual_variant(vehicle: str) -> str | None:
+    """The variant that is nominal where nobody asks for one: of the shipped vehicle that the thesis validated."""
+    return VALIDATED if vehicle == VEHICLE else None
 
 
 def _changed(before: Mapping[str, float], after: Mapping[str, float]) -> dict[str, tuple[float, float]]:
