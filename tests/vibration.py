@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from cosim.diagnosis.effect import factor
+from cosim.diagnosis.identify import Search
 from cosim.diagnosis.plants import Run
 from cosim.diagnosis.predict import Coordinate, Predictor
 
@@ -56,3 +57,9 @@ class WithPlay(Plant):
         u = u.copy()
         u[4] = np.sign(u[4]) * max(abs(u[4]) - 0.8 * DETECTION, 0.0)
         return super().predict(u, run, change)
+
+
+def found(hidden):
+    """A search on a plant with something hidden, and its result."""
+    search = Search(Plant(hidden), lambda text: None)
+    return search, search.run()

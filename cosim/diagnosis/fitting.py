@@ -12,7 +12,7 @@ from cosim.diagnosis.noise import Noise, floors
 from cosim.diagnosis.predict import Predictor
 
 # Log odds that a given effect is there: of thirty, one in five that a car has any. What is not there gains up to 1,
-# and is then smaller than what counts (``identify.SMALLEST``).
+# and is then smaller than what counts (``pool.SMALLEST``).
 EFFECT = -5.0
 SECOND_PARAMETER = -3.0  # and that a second parameter of it is off as well
 # What the fit of one cause misses may look like another. So that one, beside others, has to be _CLEAR, or more than one

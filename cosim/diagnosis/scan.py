@@ -109,6 +109,11 @@ def best_of_each(fits: Iterable[Fit], count: int) -> list[Fit]:
     return chosen
 
 
+def renamed(fit: Fit, causes: tuple[str, ...]) -> Fit:
+    """Other causes, as yet where another fit is."""
+    return Fit(causes, fit.shared, fit.points, fit.predicted, fit.tangents)
+
+
 def key(causes: Iterable[str]) -> tuple[str, ...]:
     """The causes of a supposition, in the order in which they are kept."""
     return tuple(sorted(causes))
