@@ -303,9 +303,13 @@ def _summary(finding: dict[str, Any]) -> list[str]:
               for rival in finding["ambiguous_with"]]
     if proposed := finding["next_manoeuvre"]:
         lines.append(f"  drive next: {proposed['kind']} in gear {proposed['gear']}: {proposed['why']}")
-    if finding["gain"]:
+    if gain := finding["gain"]:
         lines += [f"  {row['signal']}: error {100 * row['nrmse_before']:.2f} % before, "
-                  f"{100 * row['nrmse_after']:.2f} % after, of the range" for row in finding["gain"]["held_out"]]
+                  f"{100 * row['nrmse_after']:.2f} % after, of the range" for row in gain["held_out"]]
+        were_wrong = {(entry["signal"], entry.get("feature")) for entry in finding["wrong"][:5]}
+        lines += [f"  {row['signal']}: {row['feature']} {row['measured']:.4g} measured, {row['before']:.4g} before, "
+                  f"{row['after']:.4g} after" + f" [{row['unit']}]" * (row["unit"] != "1")
+                  for row in gain.get("features", ()) if (row["signal"], row["feature"]) in were_wrong]
     return lines
 
 

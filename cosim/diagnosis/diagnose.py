@@ -411,10 +411,12 @@ def _extend(diagnosis: Diagnosis, predictor: Predictor, found: Identification, o
         return extend.co_simulate(fmu, nominal, extend.with_inputs(run, known[extended]), run.start_speed)
 
     rows = extend.gain(diagnosis.reserved, simulate, (car.values, values), floors)
+    wanted, features = [(entry["signal"], entry["feature"]) for entry in diagnosis.finding["wrong"]], []
     for run in diagnosis.reserved:
         before, after = (car.predict(v, roads[extended, run.name]) for extended, v in known.items())
+        features += extend.read_off(run, before, after, wanted)
         for name, clock in run.clocks.items():
             place = run.slices[name]
             diagnosis.traces[(run.name, name)] = (clock, run.measured[name], before[place], after[place])
-    diagnosis.finding["gain"] = {**gained(rows, predictor.tried),
+    diagnosis.finding["gain"] = {**gained(rows, predictor.tried), "features": features,
                                  "estimators": profit(car.source, changes, diagnosis.reserved)}

@@ -7,9 +7,11 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from cosim.diagnosis.features import WITH_RINGING, Key, Reader, unit_of
 from cosim.diagnosis.finding import Gain
 from cosim.diagnosis.observation import observe
 from cosim.diagnosis.plants import STEP, Run
@@ -119,6 +121,28 @@ def gain(runs: Iterable[Run], simulate: Callable[[bool, Run], Mapping[str, np.nd
                 shown = (observe(y, run.time, known, name, clock) for y, known in zip(raw, values))
                 rows.append(Gain.of(run.name, name, clock, run.measured[name], *shown, floors[name]))
     return rows
+
+
+def read_off(run: Run, before: np.ndarray, after: np.ndarray, wanted: Iterable[Key]) -> list[dict[str, Any]]:
+    """What an engineer reads off a recording that was not used, and off the plant before and after.
+
+    An error in time does not say whether shuffle is the right one a moment late, or another one.
+
+    Args:
+        run: The recording.
+        before, after: Its stacked channels, simulated.
+        wanted: Signals and features. Those that the recording or a simulation does not show are left out; how the
+            driveline rings is read off every channel that shows it.
+
+    Returns:
+        Rows for ``gain`` of a finding, SI.
+    """
+    reader = Reader(run, before)
+    shown, was, now = (reader.read(stacked) for stacked in (run.stacked, before, after))
+    keys = dict.fromkeys([*wanted, *(key for key in shown if key[1] in WITH_RINGING)])
+    return [{"manoeuvre": run.name, "signal": key[0], "feature": key[1], "unit": unit_of(*key),
+             "measured": shown[key], "before": was[key], "after": now[key]}
+            for key in keys if key in shown and key in was and key in now]
 
 
 def with_inputs(run: Run, values: Mapping[str, float]) -> Run:

@@ -363,6 +363,9 @@ def _gain(gain: Mapping[str, Any] | None) -> dict[str, Any] | None:
             "svg": Markup(svg.dumbbells(rows, "error before and after, signal by signal")),
             "rows": [{**row, "signal": _words(row["signal"])} for row in gain["held_out"]],
             "fraction": gain.get("fraction_of_noise_floor"), "remains": gain.get("remains"),
+            "features": [{**row, "signal": _words(row["signal"]), "unit": _unit(row["unit"]),
+                          **{key: svg.number(row[key]) for key in ("measured", "before", "after")}}
+                         for row in gain.get("features") or []],
             "estimators": gain.get("estimators") or []}
 
 

@@ -139,12 +139,15 @@ def test_list_tells_what_there_is(capfd):
 
 FINDING = {"verdict": "cause", "wrong": [
     {"signal": "engine_speed", "where": "tip_in", "what": "shuffle frequency 22 % high", "size": 1.3, "unit": "Hz",
-     "p_value": 1e-9}], "causes": [{"effect": "shaft_stiffness", "probability": 0.93, "parameters": {
+     "p_value": 1e-9, "feature": "shuffle frequency"}],
+    "causes": [{"effect": "shaft_stiffness", "probability": 0.93, "parameters": {
          "axle_shaft_stiffness": {"nominal": 10.0, "value": 7.5, "low90": 7.4, "high90": 7.6, "unit": "N.m/rad"}}}],
     "together": ["shaft_stiffness"], "ambiguous_with": [{"effects": ["engine_inertia"], "separation_sigma": 2.5}],
     "next_manoeuvre": {"kind": "ramp", "gear": 4, "back": True, "separation_sigma": 6.0, "why": "because"},
     "unknown": None, "extension": None,
-    "gain": {"held_out": [{"signal": "wheel_speed", "nrmse_before": 0.35, "nrmse_after": 0.02}]}}
+    "gain": {"held_out": [{"signal": "wheel_speed", "nrmse_before": 0.35, "nrmse_after": 0.02}], "features": [
+        {"signal": "engine_speed", "feature": feature, "unit": "Hz", "measured": 5.9, "before": 7.19, "after": 5.91}
+        for feature in ("shuffle frequency", "overshoot")]}}
 
 
 def test_causes_that_act_together_are_told_with_what_they_have_together():
@@ -182,8 +185,10 @@ def test_a_diagnosis_is_told_in_lines_or_as_json(diagnosing, tmp_path, monkeypat
     assert "halfway" in said.err
     for words in ("verdict: cause", "shuffle frequency 22 % high", "93 % shaft_stiffness: axle_shaft_stiffness 7.5",
                   "cannot be told from engine_inertia", "ramp in gear 4", "35.00 % before, 2.00 % after",
+                  "engine_speed: shuffle frequency 5.9 measured, 7.19 before, 5.91 after [Hz]",
                   str(Path("out") / "diagnosis" / "report.html")):
         assert words in said.out
+    assert "overshoot" not in said.out  # was not wrong
     assert diagnosing.options.workers == 3 and callable(diagnosing.options.build)
     assert cli.main(["diagnose", "m", "--json", "--no-fmu", "--out", "here"]) == 0
     assert json.loads(capfd.readouterr().out) == FINDING

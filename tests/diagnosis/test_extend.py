@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from cosim.diagnosis.catalogue import apply, effect
-from cosim.diagnosis.extend import changed_values, co_simulate, gain, write_vehicle
+from cosim.diagnosis.extend import changed_values, co_simulate, gain, read_off, write_vehicle
 from cosim.diagnosis.hidden import hide
 from cosim.diagnosis.plants import FullOrderCar
 from cosim.measured import load
@@ -47,3 +47,25 @@ def test_the_fmu_drives_a_recording_as_the_twin_does(car, fmus, tmp_path):
         assert np.max(np.abs(outputs[name] - raw[name])) < 1e-6 * np.ptp(raw[name])
     rows = gain([run], lambda extended, run: raw, (own.values, own.values), {name: 1.0 for name in run.clocks})
     assert all(row.nrmse_before == row.nrmse_after for row in rows) and len(rows) == len(run.clocks)
+
+
+def test_what_one_reads_off_a_recording_is_right_after_though_its_waves_come_late(tmp_path):
+    """Soft shafts, and a torque that is a moment earlier than the plant knows: most of the error in time stays."""
+    hide(["shaft_stiffness=axle_shaft_stiffness:0.6", "engine_torque_delay=-15 ms"], 3, tmp_path / "m",
+         structure="same", drift="none", manoeuvres=["tip_in:5"])
+    measurement = load(tmp_path / "m")
+    own = FullOrderCar(measurement.vehicle, measurement.variant)
+    run = own.runs(measurement)[0].free
+    before, after = (own.predict(apply(effect("shaft_stiffness"), {"axle_shaft_stiffness": size}, own.values), run)
+                     for size in (1.0, 0.6))
+    place = run.slices["engine_speed"]
+    was, now = (np.std(run.stacked[place] - shown[place]) for shown in (before, after))
+    assert now > 0.7 * was
+    rows = read_off(run, before, after, [("engine_speed", "amplitude"), ("engine_speed", "no such feature")])
+    amplitude, *others = rows
+    assert (amplitude["feature"], amplitude["before"]) == ("amplitude", pytest.approx(1.0))
+    [frequency] = [row for row in others if (row["signal"], row["feature"]) == ("engine_speed", "shuffle frequency")]
+    for row in (amplitude, frequency):
+        assert abs(row["before"] / row["measured"] - 1.0) > 0.1
+        assert row["after"] == pytest.approx(row["measured"], rel=0.01)
+    assert frequency["unit"] == "Hz" and {row["manoeuvre"] for row in rows} == {run.name}

@@ -119,7 +119,9 @@ def diagnosis(base, verdict):
         finding["gain"] = {"fraction_of_noise_floor": 1.1, "remains": {
             "share": 0.221, "low": 0.104, "high": 0.467, "blocks": 15, "alone": 9.1, "tried": 30}, "held_out": [
             {"manoeuvre": base.runs[-1].name, "signal": name, "nrmse_before": 0.1 / (i + 1), "nrmse_after": 0.011,
-             "noise_floor": 0.01} for i, name in enumerate(last)]}
+             "noise_floor": 0.01} for i, name in enumerate(last)], "features": [
+            {"manoeuvre": base.runs[-1].name, "signal": "engine_speed", "feature": "shuffle frequency", "unit": "Hz",
+             "measured": 5.902, "before": 7.189, "after": 5.897}]}
     if verdict == "ambiguous":
         finding["causes"][0]["probability"] = 0.55
         finding["causes"].append({"effect": "wheel_speed_delay", "probability": 0.38, "parameters": {
@@ -186,6 +188,7 @@ def test_the_finding_is_told(pages, base):
     assert "shuffle frequency" in base.wrong[0].what and base.wrong[0].what in cause
     assert "plant_fom_extended.fmu" in cause
     assert "the noise floor" in cause
+    assert "shuffle frequency engine speed 5.902 7.189 5.897 Hz" in cause
     assert "in the car itself" in cause
     ambiguous = " ".join(words(pages["ambiguous"]).split())
     assert "these recordings cannot tell which" in ambiguous
