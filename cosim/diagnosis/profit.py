@@ -29,7 +29,8 @@ def profit(source: Vehicle, changes: Mapping[str, float], runs: Sequence[Run]) -
         runs: Recordings that were not used to find them; those without engine or wheel speed are passed over.
 
     Returns:
-        Rows ``estimator, quantity, before, after, unit``; a lash that no tip-in showed is left out.
+        Rows ``estimator, quantity, before, after, unit``; a lash that no tip-in showed is left out, and an estimator
+        that had nothing to do: that of the lash waits for a tip-in.
     """
     rows = []
     extended = replace(source, values={**source.values, **changes})
@@ -70,7 +71,7 @@ def _heard(name: str, vehicle: Vehicle, run: Run) -> dict[str, float]:
         return {}
     table = {v.name: column for v, column in zip(model.output_variables, model.simulate(frames).T)}
     settled = table["unexplained_torque"][round(1.0 / _FRAME):]
-    heard = {"unexplained_torque": float(np.sqrt(np.mean(settled**2)))}
+    heard = {"unexplained_torque": float(np.sqrt(np.mean(settled**2)))} if settled.any() else {}
     if table.get("lash_size", np.zeros(1))[-1] > 0.0:
         heard["lash_size"] = float(table["lash_size"][-1])
     return heard

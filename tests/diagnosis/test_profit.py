@@ -17,3 +17,10 @@ def test_estimators_are_less_surprised_by_the_vehicle_that_was_driven(tmp_path):
     assert torque["DSKSE"]["after"] < torque["DSKSE"]["before"]
     same = profit(car.source, {}, runs)
     assert all(row["before"] == pytest.approx(row["after"]) for row in same)
+
+
+def test_who_had_nothing_to_do_is_left_out(tmp_path):
+    hide([], 5, tmp_path / "m", structure="same", manoeuvres=["tip_out:5"])
+    measurement = load(tmp_path / "m")
+    car = FullOrderCar(measurement.vehicle, measurement.variant)
+    assert {row["estimator"] for row in profit(car.source, {}, car.runs(measurement))} == {"DSKSE"}
