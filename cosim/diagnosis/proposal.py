@@ -175,7 +175,7 @@ def information(predictor: Predictor, noise: Noise, run: Run, one: Fit) -> np.nd
         capped = Slopes(fitter.layout, 0, fitter.noise(fit).whiten(0, fit.tangents[0].jacobian)).capped
     common = [k for k, i in enumerate(fitter.layout.shared) if declared[i].run is None]
     there = [places[_identity(declared[fitter.layout.shared[k]])] for k in common]
-    everything = np.zeros(2 * (len(predictor.coordinates),))
+    everything = np.zeros((len(predictor.coordinates), len(predictor.coordinates)))
     everything[np.ix_(there, there)] = capped[np.ix_(common, common)]
     return everything
 
