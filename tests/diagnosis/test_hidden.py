@@ -217,6 +217,13 @@ def test_drawn_sizes_are_worth_finding_and_plausible(name):
                 assert 0.999 * p.detection <= abs(p.coordinate(sizes[p.name])) <= 5.001 * p.detection
 
 
+def test_what_no_size_of_shows_in_a_vehicle_is_not_said_to_be_hidden(tmp_path, monkeypatch):
+    monkeypatch.setattr(package, "drawn", lambda found, random: {p.name: p.neutral for p in found.parameters})
+    with pytest.raises(InputError, match="vehicle_mass changes nothing of suv_6l80"):
+        hide(["vehicle_mass"], 1, tmp_path / "m", vehicle="suv_6l80", manoeuvres=SHORT)
+    assert not (tmp_path / "m").exists()
+
+
 @pytest.mark.parametrize(("arguments", "said"), [
     (["vehicle_mas"], "did you mean 'vehicle_mass'"),
     (["vehicle_mass=9"], "from 0.7 to 1.6 is plausible"),

@@ -40,6 +40,7 @@ COCKTAIL = "thesis_cocktail"
 VEHICLE, VALIDATED = "pickup_10r80", "modified"
 DRIFT = (0.03, 0.05)  # smallest and largest relative drift
 GRADE, TORQUE, WANDER = 5e-4, 0.5, 1.0  # standard deviations a recording: rad, N.m, N.m about the estimate
+_DRAWS = 100  # of sizes, until one changes something
 LARGEST_STRENGTH = 5.0  # of a drawn size, in detection limits; the smallest is one
 
 # What is known for sure, or is no physics of the plant: it does not drift.
@@ -131,13 +132,13 @@ def hide(effects: Sequence[str], seed: int, out: Path, *, vehicle: str = VEHICLE
         else:
             _require(name)
             found = effect(name)
-            for _ in range(100):
+            for _ in range(1 if text else _DRAWS):
                 sizes[name] = sizes_of(found, text, nominal, random)
                 before, values = values, apply(found, sizes[name], values)
                 if _changed(before, values):
                     break
-                if text:
-                    raise InputError(f"{entry} changes nothing of {vehicle}" + (f", {variant}" if variant else ""))
+            else:
+                raise InputError(f"{entry} changes nothing of {vehicle}" + (f", {variant}" if variant else ""))
     changed = _changed(nominal, values)
     drifted = _drift(nominal, changed, drift, np.random.default_rng([seed, 5]))
     values |= {name: values[name] * (1.0 + share) for name, share in drifted.items()}
