@@ -228,6 +228,7 @@ def test_what_no_size_of_shows_in_a_vehicle_is_not_said_to_be_hidden(tmp_path, m
     (["vehicle_mas"], "did you mean 'vehicle_mass'"),
     (["vehicle_mass=9"], "from 0.7 to 1.6 is plausible"),
     (["suspension_mode=-1e-6"], "changes nothing of pickup_10r80, modified"),
+    (["--vehicle", "emps"], "has no gears"),
     (["torque_meter_filter=-0.01", "--variant", "baseline"], "changes nothing"),
     (["vehicle_mass=much"], "a number is needed"),
     (["wheel_speed_delay=30 kg"], "cannot be converted"),

@@ -313,8 +313,15 @@ def _drift(values: Mapping[str, float], changed: Mapping[str, Any], drift: str,
 
 
 def highest_gear(values: Mapping[str, float]) -> int:
-    """The highest gear of a vehicle."""
-    return max(gear for gear in range(1, 11) if values.get(f"transmission.ratio[{gear + 2}]"))
+    """The highest gear of a vehicle.
+
+    Raises:
+        InputError: It has none.
+    """
+    gears = [gear for gear in range(1, 11) if values.get(f"transmission.ratio[{gear + 2}]")]
+    if not gears:
+        raise InputError("that vehicle has no gears: effects are hidden in a car's driveline, not in a bench")
+    return max(gears)
 
 
 def _drives(manoeuvres: Sequence[str] | None, nominal: Mapping[str, float],
