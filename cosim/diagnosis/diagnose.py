@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from cosim.diagnosis import extend, proposal
+from cosim.diagnosis import extend, plausible, proposal
 from cosim.diagnosis.bench import diagnose_bench
 from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.confirm import FEWEST, Jury, words
@@ -105,6 +105,8 @@ def diagnose(path: Path, out: Path | None = None, *, workers: int | None = None,
     measurement = load(path)
     car = plant_for(measurement)
     stretches, further = car.stretches(measurement)
+    if isinstance(car, FullOrderCar):
+        plausible.check(car, [*stretches, *further])
     runs, reserved = _reserve(stretches)
     diagnosis = Diagnosis({}, measurement, car, runs, reserved, further, notices=_notices(car, runs, reserved))
     for notice in diagnosis.notices:
