@@ -43,8 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             compared = ([r for r in blind.read(options.out / baselines.LINES) if r["category"] in counts]
                         if (options.out / baselines.LINES).is_file() else [])
         else:
-            manoeuvres = options.manoeuvres if options.manoeuvres in (None, ANY) else tuple(
-                options.manoeuvres.split(","))
+            manoeuvres = options.manoeuvres and tuple(options.manoeuvres.split(","))
             chosen = cases(counts, options.seed, manoeuvres, options.vehicle)
             with _progress("diagnosis", options.quiet) as told:
                 results = blind.run(chosen, options.out, workers=options.workers, cluster=options.cluster,

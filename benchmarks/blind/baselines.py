@@ -31,7 +31,6 @@ from benchmarks.blind import run as blind
 from benchmarks.blind import score
 from benchmarks.blind.cases import BlindCase
 from cosim.diagnosis.catalogue import CATALOGUE
-from cosim.diagnosis.hidden import hide
 from cosim.diagnosis.plants import FullOrderCar, Run
 from cosim.diagnosis.predict import RUN_NUISANCES, Predictor, coordinates
 from cosim.measured import load
@@ -64,8 +63,7 @@ def compared(case: BlindCase) -> dict[str, Any]:
               "seconds": None, "gain": None, "shuffle": None, "again": None, "methods": {}}
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "measurement"
-        result["truth"] = blind.truth(hide(case.effects, case.seed, path, structure=case.structure,
-                                           manoeuvres=case.manoeuvres))
+        result["truth"] = blind.truth(blind.hide_case(case, case.manoeuvres, path))
         measurement = load(path)
     car = FullOrderCar(measurement.vehicle, measurement.variant)
     runs = [run.free for run in car.runs(measurement)]

@@ -5,6 +5,7 @@ The first n cases of a category are the same whatever N is, so a run can be made
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -31,7 +32,7 @@ CATEGORIES = {
     "cocktail": "all of thesis table 2.3 at once",
 }
 NEVER_SEEN = ("step", "sweep", "cruise")
-ANY = "any"  # in place of a vehicle or of manoeuvres: each case its own
+ANY = "any"  # in place of a vehicle, or as the only entry of manoeuvres: each case its own
 CARS = (VEHICLE, "suv_6l80")
 THROUGH_LASH = ("tip_in", "tip_out", "pulse_train", "step")  # kinds of which any case has one at least
 LOWEST, HIGHEST = 3, 8  # gears that are drawn
@@ -77,27 +78,27 @@ def wanted(entries: Sequence[str], count: int) -> dict[str, int]:
     return found
 
 
-def cases(counts: Mapping[str, int], seed: int = 0, manoeuvres: tuple[str, ...] | str | None = None,
+def cases(counts: Mapping[str, int], seed: int = 0, manoeuvres: tuple[str, ...] | None = None,
           vehicle: str = VEHICLE) -> list[BlindCase]:
     """The cases of the categories by turns, so that a run that was stopped has some of each.
 
     Args:
         counts: Category to number of cases, below 10000.
         seed: Another one gives other cases throughout.
-        manoeuvres: In place of the usual ones, as ``hide`` takes them; ``any``: one to three, of kinds and in gears
-            that are drawn for each case.
+        manoeuvres: In place of the usual ones, as ``hide`` takes them; ``("any",)``: one to three, of kinds and in
+            gears that are drawn for each case.
         vehicle: One that is shipped; ``any``: one of ``CARS``, drawn for each case. The cocktail has its own.
 
     Raises:
         InputError: There is no such vehicle or manoeuvre.
     """
     for name in CARS if vehicle == ANY else (vehicle,):
-        asked(manoeuvres if manoeuvres and manoeuvres != ANY else (), _top(name))
+        asked(() if manoeuvres in (None, (ANY,)) else manoeuvres, top_gear(name))
     rows = [(number, place, name) for place, name in enumerate(CATEGORIES) for number in range(counts.get(name, 0))]
     return [_case(name, place, number, seed, manoeuvres, vehicle) for number, place, name in sorted(rows)]
 
 
-def _case(category: str, place: int, number: int, seed: int, manoeuvres: tuple[str, ...] | str | None,
+def _case(category: str, place: int, number: int, seed: int, manoeuvres: tuple[str, ...] | None,
           vehicle: str) -> BlindCase:
     random = np.random.default_rng([seed, place, number])
     varied = np.random.default_rng([seed, place, number, 1])  # of its own, so that the rest stays the same
@@ -107,7 +108,7 @@ def _case(category: str, place: int, number: int, seed: int, manoeuvres: tuple[s
     # the number's turn in a shuffled round, so that every effect comes once before any comes twice
     rounds = np.random.default_rng([seed, place, number // len(CATALOGUE)])
     turn = list(CATALOGUE)[rounds.permutation(len(CATALOGUE))[number % len(CATALOGUE)]]
-    if manoeuvres == ANY:
+    if manoeuvres == (ANY,):
         manoeuvres = _drawn_manoeuvres(vehicle, varied)
     if category == "single":
         effects = [turn]
@@ -123,24 +124,26 @@ def _case(category: str, place: int, number: int, seed: int, manoeuvres: tuple[s
         effects = []
         if category == "strange":
             kinds = [*NEVER_SEEN, str(random.choice(NEVER_SEEN))]
-            manoeuvres = tuple(f"{kind}:{min(random.integers(4, 8), _top(vehicle))}" for kind in kinds)
+            manoeuvres = tuple(f"{kind}:{min(random.integers(4, 8), top_gear(vehicle))}" for kind in kinds)
     # the other structure for one in three, from the first on
     return BlindCase(f"{category}-{number:03d}", category, tuple(effects), own,
                      "other" if number % 3 == 0 else "same", manoeuvres, vehicle)
 
 
+@functools.cache
 def _nominal(vehicle: str) -> Mapping[str, float]:
     return vehicles.load(vehicle, usual_variant(vehicle)).values
 
 
-def _top(vehicle: str) -> int:
+def top_gear(vehicle: str) -> int:
+    """The highest gear of a vehicle, by its name."""
     return highest_gear(_nominal(vehicle))
 
 
 def _drawn_manoeuvres(vehicle: str, random: np.random.Generator) -> tuple[str, ...]:
     """One to three recordings as somebody may have made them: the first goes through the lash."""
     kinds = [random.choice(THROUGH_LASH), *random.choice(KINDS, random.integers(0, 3))]
-    return tuple(f"{kind}:{random.integers(LOWEST, min(HIGHEST, _top(vehicle)) + 1)}" for kind in kinds)
+    return tuple(f"{kind}:{random.integers(LOWEST, min(HIGHEST, top_gear(vehicle)) + 1)}" for kind in kinds)
 
 
 def _weak(effect: Effect, vehicle: str, random: np.random.Generator) -> str:

@@ -20,11 +20,11 @@ import numpy as np
 
 import cosim
 import driveline
-from benchmarks.blind.cases import BlindCase
+from benchmarks.blind.cases import BlindCase, top_gear
 from benchmarks.blind.score import CATALOGUED, found_sizes, named
 from cosim.diagnosis.catalogue import CATALOGUE, apply_all
 from cosim.diagnosis.hidden import Hidden, hide
-from cosim.diagnosis.hidden.recordings import BACK, KINDS, USUAL
+from cosim.diagnosis.hidden.recordings import BACK, KINDS, usual
 from cosim.diagnosis.plants import FullOrderCar
 from cosim.files import write_text
 from cosim.studies.sweep import Case, Sweep
@@ -162,7 +162,7 @@ def examined(case: BlindCase, method: str = DIAGNOSE, code: str | None = None) -
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "measurement"
         try:
-            hidden = _hidden(case, case.manoeuvres, path)
+            hidden = hide_case(case, case.manoeuvres, path)
             result["truth"] = truth(hidden)
             diagnosis, result["finding"], result["seconds"] = _diagnosed(path, method)
             result["gain"] = _ideal(diagnosis, hidden)
@@ -176,7 +176,8 @@ def examined(case: BlindCase, method: str = DIAGNOSE, code: str | None = None) -
     return result
 
 
-def _hidden(case: BlindCase, manoeuvres: Sequence[str] | None, path: Path) -> Hidden:
+def hide_case(case: BlindCase, manoeuvres: Sequence[str] | None, path: Path) -> Hidden:
+    """A case's measurement, with its manoeuvres or others, for whoever diagnoses it."""
     return hide(case.effects, case.seed, path, vehicle=case.vehicle, structure=case.structure, manoeuvres=manoeuvres)
 
 
@@ -205,11 +206,11 @@ def _again(case: BlindCase, proposed: Mapping[str, Any] | None, method: str) -> 
     entry = f"{proposed['kind']}:{proposed['gear']}" + f":{BACK}" * bool(proposed.get("back"))
     if proposed["kind"] not in KINDS:
         return {"manoeuvre": entry, "finding": None, "error": f"{proposed['kind']} is none of {', '.join(KINDS)}"}
-    usual = case.manoeuvres or [f"{kind}:{gear}" for kind, gear in USUAL]
+    before = case.manoeuvres or usual(top_gear(case.vehicle))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "measurement"
         try:
-            _hidden(case, [*usual, entry], path)
+            hide_case(case, [*before, entry], path)
             return {"manoeuvre": entry, "finding": _diagnosed(path, method)[1], "error": None}
         except Exception as error:
             return {"manoeuvre": entry, "finding": None, "error": f"{type(error).__name__}: {error}"}

@@ -27,6 +27,7 @@ from scipy.stats import binomtest, quantile_test
 from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.effect import EffectParameter
 from cosim.diagnosis.finding import joint_probability
+from cosim.diagnosis.hidden import VEHICLE
 
 Result = Mapping[str, Any]
 SURE = 0.8
@@ -452,7 +453,9 @@ def line(result: Result) -> str:
                    for name, about in result["truth"]["outside"].items()]
     else:
         hidden = list(result["effects"])
-    drive = [result["vehicle"], " ".join(result["manoeuvres"] or ()) or "usual manoeuvres", result["structure"]]
+    # once there was but one vehicle, and results did not say so
+    drive = [result.get("vehicle", VEHICLE), " ".join(result["manoeuvres"] or ("usual manoeuvres",)),
+             result["structure"]]
     text = (f"{result['name']} [{', '.join(drive)}, seed {result['seed']}] hidden: "
             f"{' + '.join(hidden) or 'nothing'}; {verdict(result)}")
     finding = result["finding"]

@@ -47,18 +47,9 @@ def check(car: FullOrderCar, runs: Sequence[Run]) -> None:
 
 def _as_of_the_vehicle(car: FullOrderCar, run: Run) -> dict[str, float]:
     """What every speed makes the vehicle's, without slip, median over time [m/s]; none where it stands."""
-    behind = car.values["tyre.radius"]
-    shaft = behind / car.values["final_drive.ratio"]
-    before = shaft / abs(_ratio(car, run.gear) or np.nan)
-    reach = {**dict.fromkeys(_BEFORE_GEARS, before), "transmission_output_speed": shaft, "wheel_speed": behind,
-             "vehicle_speed": 1.0}
-    speeds = {name: factor * float(np.median(np.abs(run.measured[name]))) for name, factor in reach.items()
-              if name in run.measured}
+    speeds = {name: factor * float(np.median(np.abs(run.measured[name])))
+              for name, factor in car.rolling(run.gear).items() if name in run.measured}
     return speeds if len(speeds) > 1 and min(speeds.values()) > 0.0 and max(speeds.values()) > _ROLLING else {}
-
-
-def _ratio(car: FullOrderCar, gear: int) -> float:
-    return car.values.get(f"transmission.ratio[{gear + 2}]", 0.0)
 
 
 def _check_gear(car: FullOrderCar, run: Run, speeds: Mapping[str, float]) -> None:
@@ -68,12 +59,12 @@ def _check_gear(car: FullOrderCar, run: Run, speeds: Mapping[str, float]) -> Non
         return
     if any(max(side) > _ALIKE * min(side) for side in sides):
         return
-    ratio = _ratio(car, run.gear) * speeds["turbine_speed"] / float(np.median(sides[1]))
-    gears = [gear for gear in range(1, 11) if _ratio(car, gear)]
-    nearest = min(gears, key=lambda gear: abs(np.log(abs(ratio / _ratio(car, gear)))))
-    if nearest != run.gear and _apart(ratio / _ratio(car, run.gear)) > _ALIKE > _apart(ratio / _ratio(car, nearest)):
+    gears = car.gears
+    ratio = gears[run.gear] * speeds["turbine_speed"] / float(np.median(sides[1]))
+    nearest = car.gear_of(ratio * car.values["final_drive.ratio"])
+    if nearest != run.gear and _apart(ratio / gears[run.gear]) > _ALIKE > _apart(ratio / gears[nearest]):
         raise InputError(f"{run.name}: the speeds before and behind the gears have a ratio of {ratio:.3g}, as in gear "
-                         f"{nearest}; gear {run.gear}, as the measurement says, has {_ratio(car, run.gear):.3g}")
+                         f"{nearest}; gear {run.gear}, as the measurement says, has {gears[run.gear]:.3g}")
 
 
 def _check_speeds(rows: Sequence[Mapping[str, float]]) -> None:
@@ -102,7 +93,7 @@ def _check_torques(car: FullOrderCar, runs: Sequence[Run]) -> None:
                          f"{most:.3g}: is its unit right?")
     carried = []
     for run, torque in zip(runs, torques):
-        made = abs(_ratio(car, run.gear)) * float(np.ptp(torque))
+        made = car.gears.get(run.gear, 0.0) * float(np.ptp(torque))
         if "propeller_shaft_torque" in run.measured and np.ptp(torque) > _LIVELY * most and made > 0.0:
             carried.append(float(np.ptp(run.measured["propeller_shaft_torque"])) / made)
     if carried and _apart(share := float(np.median(carried))) > _CARRIED:

@@ -31,9 +31,6 @@ class Pool:
         plain, noise: That noise, and the same with doubts.
     """
 
-    plain: Noise
-    noise: Noise
-
     def __init__(self, fitter: Fitter, noise: Noise) -> None:
         self.fitter, self.coordinates = fitter, fitter.coordinates
         self.fits: dict[tuple[str, ...], Fit] = {}

@@ -136,8 +136,8 @@ def _log_evidence(evidence: Evidence, fits: Sequence[Fit]) -> np.ndarray:
 
 def _start_speed(car: FullOrderCar, gear: int) -> float | None:
     """Of the vehicle [m/s]; None without such a gear."""
-    ratio = car.values.get(f"transmission.ratio[{gear + 2}]", 0.0) * car.values["final_drive.ratio"]
-    return _ENGINE_SPEED / ratio * car.values["tyre.radius"] if ratio > 0.0 else None
+    factor = car.rolling(gear).get("engine_speed")
+    return factor and _ENGINE_SPEED * factor
 
 
 def _candidate(car: FullOrderCar, example: Run, kind: str, corners: Sequence[tuple[float, float]], gear: int,

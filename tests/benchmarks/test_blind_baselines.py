@@ -3,6 +3,7 @@
 import pytest
 
 from benchmarks.blind import baselines, score
+from benchmarks.blind import run as blind
 from benchmarks.blind.cases import BlindCase
 from cosim.diagnosis.hidden import hide
 from cosim.diagnosis.plants import FullOrderCar
@@ -54,3 +55,12 @@ def test_a_method_that_fails_is_a_result_and_stands_in_the_table(monkeypatch):
     rows = {row[0]: dict(zip(baselines.HEADS, row)) for row in baselines.rows([diagnosis], [result])}
     alarms = {name: row["false alarms"].partition(" %")[0] for name, row in rows.items()}
     assert alarms == {"diagnosis": "100", "useless": "100", "silent": "0"}
+
+
+def test_the_same_case_is_compared_in_its_own_vehicle(monkeypatch, tmp_path):
+    """The table leaves out whose truth is another one: in the usual vehicle no case of another was in it."""
+    monkeypatch.setattr(baselines, "METHODS", {"silent": lambda few: baselines._finding([])})
+    case = BlindCase("single-0", "single", ("vehicle_mass",), 1, "same", ("tip_in:5",), "suv_6l80")
+    result = baselines.compared(case)
+    assert result["truth"] == blind.truth(blind.hide_case(case, case.manoeuvres, tmp_path / "m"))
+    assert baselines.rows([{**result, "finding": None}], [result])

@@ -84,8 +84,8 @@ def test_other_manoeuvres_are_for_those_that_have_none_of_their_own():
 
 def test_each_case_may_have_a_vehicle_and_a_drive_of_its_own():
     counts = dict.fromkeys(CATEGORIES, 40)
-    varied, plain = cases(counts, 5, ANY, ANY), cases(counts, 5)
-    assert varied[:70] == cases(dict.fromkeys(CATEGORIES, 10), 5, ANY, ANY)
+    varied, plain = cases(counts, 5, (ANY,), ANY), cases(counts, 5)
+    assert varied[:70] == cases(dict.fromkeys(CATEGORIES, 10), 5, (ANY,), ANY)
     assert [(case.effects, case.seed) for case in varied if case.category != "weak"] == [
         (case.effects, case.seed) for case in plain if case.category != "weak"]  # a weak size goes by the vehicle
     assert {case.vehicle for case in varied} == set(CARS)
@@ -171,6 +171,17 @@ def test_what_other_code_found_is_done_again(here, tmp_path, monkeypatch, caplog
     assert told == ["of another version"] and before[0]["code"] != after[0]["code"]
     assert "1 results of another version of the code" in caplog.text
     assert len(blind.read(tmp_path / blind.LINES)) == 1
+
+
+def test_the_proposed_manoeuvre_goes_with_the_usual_ones_of_the_vehicle(monkeypatch):
+    """Whose highest gear may be lower than theirs."""
+    driven = []
+    monkeypatch.setattr(blind, "hide_case", lambda case, manoeuvres, path: driven.append(manoeuvres))
+    monkeypatch.setattr(blind, "_diagnosed", lambda path, method: (None, {}, 0.0))
+    [case] = cases({"single": 1}, vehicle="suv_6l80")
+    assert blind._again(case, {"kind": "ramp", "gear": 3, "back": True}, FAKE)["error"] is None
+    [entries] = driven
+    assert len(asked(entries, 6)) == len(entries) and "coast_down:6" in entries and entries[-1] == "ramp:3:back"
 
 
 def test_a_worker_with_other_code_is_refused():

@@ -238,3 +238,8 @@ def test_cocktail():
 def test_every_category_is_scored():
     of = {r["category"] for r in perfect()} | {"weak", "cocktail"}
     assert of == set(CATEGORIES)
+
+
+def test_a_result_of_when_there_was_one_vehicle_is_still_told():
+    before = {key: value for key, value in perfect()[0].items() if key != "vehicle"}
+    assert score.line(before) == score.line(perfect()[0])

@@ -28,7 +28,7 @@ from cosim.diagnosis.catalogue import CATALOGUE, apply, effect
 from cosim.diagnosis.effect import SLOPE, Effect, EffectParameter
 from cosim.diagnosis.hidden.model import PRE_ROLL, simulate
 from cosim.diagnosis.hidden.outside import OUTSIDE, PREFIX
-from cosim.diagnosis.hidden.recordings import USUAL, Drive, asked, driven, logged, write
+from cosim.diagnosis.hidden.recordings import Drive, asked, driven, logged, usual, write
 from cosim.files import write_text
 from cosim.messages import did_you_mean
 from driveline import vehicles
@@ -327,8 +327,7 @@ def highest_gear(values: Mapping[str, float]) -> int:
 def _drives(manoeuvres: Sequence[str] | None, nominal: Mapping[str, float],
             random: np.random.Generator) -> list[Drive]:
     top = highest_gear(nominal)
-    usual = [f"{kind}:{min(gear, top)}" for kind, gear in USUAL]
-    return [replace(driven(kind, gear, random), back=back) for kind, gear, back in asked(manoeuvres or usual, top)]
+    return [replace(driven(kind, gear, random), back=back) for kind, gear, back in asked(manoeuvres or usual(top), top)]
 
 
 def _recording(drive: Drive, values: Mapping[str, float], random: np.random.Generator) -> dict[str, Any]:

@@ -46,6 +46,11 @@ USUAL = (("tip_in", 5), ("tip_in", 5), ("tip_out", 5), ("pulse_train", 4), ("ram
 KINDS = ("tip_in", "tip_out", "ramp", "step", "pulse_train", "coast_down", "cruise", "sweep")
 
 
+def usual(top: int) -> list[str]:
+    """The entries of a measurement when nothing else is asked for, in a vehicle whose highest gear is ``top``."""
+    return [f"{kind}:{min(gear, top)}" for kind, gear in USUAL]
+
+
 def asked(entries: Iterable[str], top: int) -> list[tuple[str, int, bool]]:
     """Manoeuvres, gears and ways of entries like ``tip_in:4``, ``tip_in`` for the fifth gear, ``tip_in:4:back``.
 

@@ -278,8 +278,27 @@ class FullOrderCar(InstrumentedPlant):
         return Run(name, manoeuvre.kind, gear, start, inputs, speed, clocks, measured, graded,
                    manoeuvre.back and not graded, _anchors(manoeuvre), tuple(lost))
 
-    def _overall(self, gear: int) -> float:
-        return self.values["final_drive.ratio"] * self.values[f"transmission.ratio[{gear + 2}]"]
+    @property
+    def gears(self) -> dict[int, float]:
+        """Ratio of every forward gear there is."""
+        return {gear: ratio for gear in range(1, 11)
+                if (ratio := self.values.get(f"transmission.ratio[{gear + 2}]", 0.0)) > 0.0}
+
+    def gear_of(self, ratio: float) -> int:
+        """The gear in which the turbine turns most nearly so many times as fast as the wheels."""
+        gears, final = self.gears, self.values["final_drive.ratio"]
+        return min(gears, key=lambda gear: abs(np.log(final * gears[gear] / ratio)))
+
+    def rolling(self, gear: int) -> dict[str, float]:
+        """The vehicle's speed [m/s] over every other, without slip; the nearest to it first.
+
+        Args:
+            gear: Engaged; what turns before the gears is left out where that is no forward gear of the vehicle.
+        """
+        radius, final = self.values["tyre.radius"], self.values["final_drive.ratio"]
+        behind = {"vehicle_speed": 1.0, "wheel_speed": radius, "transmission_output_speed": radius / final}
+        ratio = self.gears.get(gear)
+        return behind | (dict.fromkeys(("turbine_speed", "engine_speed"), radius / (final * ratio)) if ratio else {})
 
     def _gear(self, manoeuvre: Manoeuvre, start: float, stop: float) -> int:
         """The gear whose ratio the measured speeds have."""
@@ -291,20 +310,13 @@ class FullOrderCar(InstrumentedPlant):
         wheel = (manoeuvre["wheel_speed"].at(times) if "wheel_speed" in manoeuvre
                  else manoeuvre["vehicle_speed"].at(times) / self.values["tyre.radius"])
         ratio = float(np.median(manoeuvre[over].at(times) / np.maximum(wheel, 0.1)))
-        gears = {g: abs(np.log(self._overall(g) / ratio)) for g in range(1, 11)
-                 if self.values.get(f"transmission.ratio[{g + 2}]", 0.0) > 0.0}
-        best = min(gears, key=gears.__getitem__)
+        best = self.gear_of(ratio)
         log.info("%s: the speeds say gear %d", manoeuvre.name, best)
         return best
 
     def _start_speed(self, manoeuvre: Manoeuvre, gear: int, start: float) -> float:
         """Vehicle speed at the start from the first second of the best channel there is [m/s]."""
-        radius = self.values["tyre.radius"]
-        ratio = self._overall(gear) if f"transmission.ratio[{gear + 2}]" in self.values else 0.0
-        for name, factor in (("vehicle_speed", 1.0), ("wheel_speed", radius),
-                             ("transmission_output_speed", radius / self.values["final_drive.ratio"]),
-                             ("turbine_speed", radius / ratio if ratio else 0.0),
-                             ("engine_speed", radius / ratio if ratio else 0.0)):
+        for name, factor in self.rolling(gear).items():
             if name in manoeuvre:
                 channel = manoeuvre[name]
                 first = (channel.time >= start) & (channel.time <= start + 0.6)
