@@ -17,6 +17,7 @@ from .assembly import GROUND, Network
 
 # Runge-Kutta's method of order four is stable for step times rate below 2.78; this keeps off it.
 STABLE = 2.5
+_NOTHING = 1e-9  # N.m
 _NEARLY = 1e-4  # relative step of Newton's method below which its derivatives are kept
 
 STATUS = {
@@ -284,7 +285,7 @@ class Plant(KernelModel):
         Newton's method on the rates. The vehicle keeps its speed; all other speeds may leave the
         rolling ones by the tyres' slip. Clutches that stick do not slip: their torques fix only
         accelerations, so the speeds need equations of their own. What a control lets slip has the
-        capacity that it then holds. Lashes lie on the flank their torque asks for, shafts are in
+        capacity that it then holds, which may be none. Lashes lie on the flank their torque asks for, shafts are in
         the stage of their twist.
 
         Returns:
@@ -300,10 +301,12 @@ class Plant(KernelModel):
         staged = [(b, first[b], net.constants[r[k.PARAMETER] + 5]) for b, r in enumerate(rows)
                   if r[k.LAW] == k.TWO_STAGE]
         modes = self.state[net.modes]
-        settled = [first[b] for b, r in enumerate(rows)
-                   if r[k.LAW] == k.ENGINE or (r[k.LAW] == k.SLIPPING and modes[b] != 0.0)]
+        settled = [first[b] for b, r in enumerate(rows) if r[k.LAW] == k.ENGINE]
+        controlled = [b for b, r in enumerate(rows) if r[k.LAW] == k.SLIPPING and modes[b] != 0.0]
+        held = [first[b] for b in controlled]
+        reset_time = net.constants[[rows[b][k.PARAMETER] + 9 for b in controlled]]
         body = net.nodes[self.body]
-        unknown = [i for i in range(n_nodes) if i != body] + twisted + settled
+        unknown = [i for i in range(n_nodes) if i != body] + twisted + settled + held
         shape = speeds / speeds[body]
         stuck = [b for b, r in enumerate(rows) if r[k.LAW] in k.DRY and modes[b] == 0.0]
         slips = self.kinematics()[stuck]
@@ -319,7 +322,9 @@ class Plant(KernelModel):
                 self.state[net.modes][b] = np.sign(self.state[twist]) * (abs(self.state[twist]) > width)
             evaluate()
             rates = result[:n]
-            return np.concatenate([rates[:n_nodes] - shape * x[-1], rates[twisted], rates[settled],
+            # a control holds its slip, or nothing: where what is beside the clutch carries the torque with less
+            holding = np.maximum(rates[held], -self.state[held] / reset_time)
+            return np.concatenate([rates[:n_nodes] - shape * x[-1], rates[twisted], rates[settled], holding,
                                    slips @ self.state[:n_nodes]])
 
         for _ in range(3):
@@ -345,6 +350,8 @@ class Plant(KernelModel):
                 self.state[net.modes][b] *= -1.0
             if not wrong:
                 break
+        # nothing, not nearly nothing: that would still fall
+        self.state[held] = np.where(self.state[held] > _NOTHING, self.state[held], 0.0)
         self._set_flanks()
         return bool(change < 1e-9)
 

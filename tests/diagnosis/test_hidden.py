@@ -48,7 +48,8 @@ def test_the_hidden_plant_shares_no_code_with_the_plants_a_diagnosis_runs():
                     "cosim.diagnosis.hidden.outside", "cosim.diagnosis.hidden.recordings"), (path.name, node.module)
 
 
-@pytest.mark.parametrize("more", [{}, {"slip_control.target": 2.0}], ids=["closed", "controlled slip"])
+@pytest.mark.parametrize("more", [{}, {"slip_control.target": 2.0}, {"slip_control.target": 8.0}],
+                         ids=["closed", "controlled slip", "open while the torque is small"])
 def test_two_ways_to_write_the_same_driveline_down_agree(more):
     """Same structure, nothing drifts: the hidden plant and the full-order one differ by their contacts only."""
     record = simulate(nominal() | more, 5, 12.0, TIMES, TORQUE, 3.0)

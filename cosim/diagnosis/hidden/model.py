@@ -23,6 +23,7 @@ GRAVITY = 9.80665
 POINTS = 11  # of the converter's tables
 CHAIN = 9  # most nodes from the differential to the tread
 PRE_ROLL = 2.0  # s before the recording: the driveline winds up and settles
+SOFT_END = 0.1  # N.m: as close to an end of the lock-up clutch's capacity its control slows down
 
 # Places in the state. The chain follows: its speeds, then the twists between its nodes.
 (AIR, CRANK, PLATE, TURBINE, OUTPUT, SHAFT, PINION, BODY, SEAT, AXLE, CASE, ROLL,
@@ -265,8 +266,9 @@ def _rates(t, y, p, torque_times, torque):
     if q.slip_target > 0.0:  # proportional and integral control, which does not wind up
         more = q.slip_torque * (abs(slip) / q.slip_target - 1.0)
         asked = y[LOCKUP_HELD] + more
-        if not (y[LOCKUP_HELD] <= 0.0 and more < 0.0) and not (asked >= limit and more > 0.0):
-            d[LOCKUP_HELD] = more / q.slip_reset_time
+        # where a rate jumped to nothing at an end, an implicit step that ends there would not exist
+        room = y[LOCKUP_HELD] if more < 0.0 else limit - asked
+        d[LOCKUP_HELD] = more / q.slip_reset_time * min(max(room / SOFT_END, 0.0), 1.0)
         limit = min(max(asked, 0.0), limit)
     if q.other:
         z = y[LOCKUP_Z]
