@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import ttest_1samp
 
-from cosim.diagnosis.finding import SOMETHING_ELSE, Gain, gained
+from cosim.diagnosis.finding import Gain, gained, something_else
 from cosim.diagnosis.inverse import SKEW, SLIGHT, Inverse, Supposition, Torques
 from cosim.diagnosis.plants.rigid import RigidPlant
 from cosim.diagnosis.plants.run import STEP, Run
@@ -119,7 +119,7 @@ def _proved(inverse: Inverse, tried: Sequence[Supposition]) -> tuple[Supposition
 def _shares(tried: Sequence[Supposition]) -> dict[str, float]:
     """Probability of every effect: of all sets that hold it, each divided among its effects."""
     weight = np.exp(np.array([s.log_evidence for s in tried]) - tried[0].log_evidence)
-    weight *= (1.0 - SOMETHING_ELSE) / weight.sum()
+    weight *= np.array([1.0 - something_else(len(s.effects)) for s in tried]) / weight.sum()
     names = {e for s in tried for e in s.effects}
     return {e: float(sum(w / len(s.effects) for s, w in zip(tried, weight) if e in s.effects)) for e in names}
 

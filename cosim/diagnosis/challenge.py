@@ -25,7 +25,10 @@ _BESIDE = 3  # further causes that are fitted from where the leader is as well
 # stands for the true one promises less than all of these.
 _STARTED = (20, 6)
 _SHORTLIST, _SHORTLIST_PLAIN = (6, 3), (3, 2)
-_RIVAL = 12.0  # log evidence below the leader at which a rival gets derivatives of its own
+# Log evidence below the leader at which a rival gets derivatives of its own; and beside a leader of more causes than
+# that everything is scanned in place of each: there a slope, 7 behind, stood at 17 as long as it had none.
+_RIVAL, _RIVAL_OF_MANY = 12.0, 25.0
+SWAPPED_CAUSES = 3
 _ADVISERS, _ADVISED = 4, 2  # rivals whose derivatives are asked as well; of what they promise are fitted
 _SHORT = 3.0  # log evidence below what the leader's derivatives promise at which a settled rival is fitted again
 
@@ -58,7 +61,8 @@ class Challenge:
         # minimum
         behind = {fit.causes: min(leader.score - fit.score, leader.hope - fit.hope) for fit in self.pool.fits.values()}
         behind |= {s: min(behind[s], -hope) for s, hope in hopes.items() if s in behind}
-        close = [fit for fit in self.pool.worthy() if not fit.near and behind[fit.causes] < _RIVAL]
+        least = _RIVAL if len(leader.causes) <= SWAPPED_CAUSES else _RIVAL_OF_MANY
+        close = [fit for fit in self.pool.worthy() if not fit.near and behind[fit.causes] < least]
         for fit in sorted(close, key=lambda fit: behind[fit.causes])[:REFITTED]:
             self.pool.settle(fit, everything=False)
         return bool(close) or self.pool.worthy()[0] is not leader

@@ -21,7 +21,7 @@ from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.confirm import FEWEST, Jury, words
 from cosim.diagnosis.detectable import would_show
 from cosim.diagnosis.evidence import Layout
-from cosim.diagnosis.finding import SOMETHING_ELSE, gained, unconfirmed
+from cosim.diagnosis.finding import doubts, gained, something_else
 from cosim.diagnosis.fitting import Fit, Fitter, as_found
 from cosim.diagnosis.identify import APART, Identification, Search
 from cosim.diagnosis.localise import disturbances, goes_with
@@ -115,8 +115,7 @@ def diagnose(path: Path, out: Path | None = None, *, workers: int | None = None,
         _bench(diagnosis, car, out, say)
     else:
         _driveline(diagnosis, car, out, workers or len(os.sched_getaffinity(0)), say, build)
-    if (doubt := unconfirmed(diagnosis.finding["gain"])) is not None:
-        diagnosis.notices.append(doubt)
+    diagnosis.notices += doubts(diagnosis.finding)
     diagnosis.wrong = diagnosis.finding["wrong"]
     diagnosis.seconds = time.perf_counter() - began
     diagnosis.finding["notices"], diagnosis.finding["run_seconds"] = diagnosis.notices, diagnosis.seconds
@@ -229,9 +228,9 @@ def _probabilities(found: Identification, effects: Sequence[str]) -> dict[str, f
     A supposition of several effects divides its share among them, so that all add up to at most 1.
     """
     shares = dict.fromkeys(effects, 0.0)
-    for fit, weight in zip(found.alternatives, (1.0 - SOMETHING_ELSE) * found.shares()):
+    for fit, weight in zip(found.alternatives, found.shares()):
         for effect in fit.effects:
-            shares[effect] += float(weight) / len(fit.effects)
+            shares[effect] += float(weight) * (1.0 - something_else(len(fit.effects))) / len(fit.effects)
     return shares
 
 

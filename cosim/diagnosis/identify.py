@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cosim.diagnosis.alike import alike, instead
-from cosim.diagnosis.challenge import Challenge
+from cosim.diagnosis.challenge import SWAPPED_CAUSES, Challenge
 from cosim.diagnosis.detectable import detectable
 from cosim.diagnosis.evidence import Evidence
 from cosim.diagnosis.fitting import EFFECT, Fit, Fitter, as_found
@@ -31,7 +31,6 @@ log = logging.getLogger("cosim")
 
 APART = 3.0  # sigma: rivals closer than this cannot be told from the best
 _AFRESH = 2  # suppositions that are fitted by derivatives of their own where a search begins anew
-_SWAPPED_CAUSES = 3  # of a leader, at most, where everything is scanned in place of each
 _TEMPER = 2.0  # of differences in evidence: a plant of another structure errs by some units
 _TURNS = 30  # steps of the search, at most; some three a cause
 
@@ -212,7 +211,7 @@ class Search:
         Derivatives at the leader say little of what a cause would do in place of one that moved crossings of the lash.
         """
         fits = []
-        if len(leader.causes) <= _SWAPPED_CAUSES:
+        if len(leader.causes) <= SWAPPED_CAUSES:
             for gone in leader.causes:
                 fits += self._afresh(leader, leader.without(gone))
         self.pool.enter(fits)

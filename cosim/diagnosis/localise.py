@@ -20,7 +20,7 @@ from cosim.diagnosis.plants.car import PLACES
 from cosim.diagnosis.plants.hats import hats
 from cosim.diagnosis.predict import Predictor
 from cosim.diagnosis.torques import (
-    BENT,
+    BENDS,
     CONSTANT,
     HEIGHTS,
     LASTING,
@@ -78,9 +78,10 @@ def disturbances(predictor: Predictor, fit: Fit, noise: Noise, places: Collectio
     signals = [signals_of(predictor, fit, r) for r in range(len(runs))]
     followed = {name: [pieces(name, own, signals) for own in signals] for name in QUICK}
     moved = {(place, name): [h / scale[:, None] for h, scale in zip(slopes, noise.least)]
-             for place in dict.fromkeys((*places, BENT))
+             for place in dict.fromkeys((*places, *(place for place, _ in BENDS)))
              for name, slopes in slopes_of(predictor, fit, place, followed).items()}
-    healthy = [Healthy(layout, r, fit, (run.stacked - fit.predicted[r]) / scale, scale, moved[BENT, "twist"][r])
+    healthy = [Healthy(layout, r, fit, (run.stacked - fit.predicted[r]) / scale, scale,
+                       [size * moved[which][r] for which, size in BENDS.items()])
                for r, (run, scale) in enumerate(zip(runs, noise.least))]
     supposed = {(place, name): Torque(healthy, slopes, *HEIGHTS[name])
                 for (place, name), slopes in moved.items() if place in places}

@@ -27,8 +27,9 @@ QUICK = ("wheel angle", *FOLLOWED)
 LASTING, CONSTANT = "lasting", "constant"
 LASTS = 0.3  # s: how long a torque that lasts stays alike
 _KNOTS = 7  # of a curve
-BENT = "within the axle shafts"  # where a little of it is healthy
-BENDS = 4.0  # N.m: what healthy axle shafts carry beside what is in proportion to their twist, one sigma
+# What healthy cars have of it, by place and variable, one sigma [unit of the place]: axle shafts carry a little beside
+# what is in proportion to their twist, gears and shafts of a transmission give a little beside it.
+BENDS = {("within the axle shafts", "twist"): 4.0, ("within the transmission", SHAFT_TORQUE): 5e-4}
 
 
 def signals_of(predictor: Predictor, fit: Fit, r: int) -> dict[str, np.ndarray]:
@@ -107,8 +108,8 @@ class Healthy:
         fit: What is known to be wrong, with its derivatives.
         residual: What it leaves, in units of the noise.
         scale: The noise.
-        bends: What pieces of the torque do to it that its shafts have over their twist beyond a line, in units of the
-            noise: healthy shafts have some, ``BENDS``.
+        bends: What pieces of every torque do to it that healthy cars have some of, ``BENDS``: of one sigma, in units of
+            the noise.
 
     Attributes:
         leaves: Mean square of the residual.
@@ -117,15 +118,15 @@ class Healthy:
     """
 
     def __init__(self, layout: Layout, run: int, fit: Fit, residual: np.ndarray, scale: np.ndarray,
-                 bends: np.ndarray) -> None:
+                 bends: Sequence[np.ndarray]) -> None:
         columns = layout.columns[run]
         self.leaves = float(np.mean(residual**2))
         slopes = fit.tangents[run].jacobian / scale[:, None]
         self.residual = residual + slopes @ fit.points[run][columns]
-        self.slopes = np.hstack([slopes, bends])
+        self.slopes = np.hstack([slopes, *bends])
         spread = prior(layout.coordinates, fit.causes)[layout.shared]
         self.precision = block_diag(np.diag(1.0 / spread**2), layout.precision[run],
-                                    np.linalg.inv(BENDS**2 * _alike(bends.shape[1])))
+                                    *(np.linalg.inv(_alike(pieces.shape[1])) for pieces in bends))
         self.square, self.product = self.slopes.T @ self.slopes, self.slopes.T @ self.residual
 
     def explain(self, left: float, product: np.ndarray) -> np.ndarray:

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from cosim.diagnosis.finding import BLOCK, Gain, gained, unconfirmed
+from cosim.diagnosis.finding import BLOCK, Gain, doubts, gained, something_else
 from cosim.diagnosis.regression import remaining
 
 CLOCK = np.arange(0.0, 7.0, 0.01)
@@ -61,10 +61,23 @@ def test_blocks_that_are_all_alike_say_how_much_but_not_how_surely():
     assert left.share == pytest.approx(0.53, abs=0.02) and left.low is left.high is None and left.alone < 4.0
 
 
+def finding(gain=None, together=("mesh_loss",), verdict="cause"):
+    return {"verdict": verdict, "together": list(together), "gain": gain}
+
+
 def test_what_makes_the_recording_kept_back_worse_is_not_confirmed():
-    assert "does not confirm it: block by block the error there is 120 %" in unconfirmed(gained([row(after=1.2)], 30))
-    assert unconfirmed(gained([row()], 30)) is None and unconfirmed(None) is None
-    assert unconfirmed(gained([row(clock=CLOCK[:90])], 30)) is None
+    [doubt] = doubts(finding(gained([row(after=1.2)], 30)))
+    assert "does not confirm it: block by block the error there is 120 %" in doubt
+    assert not doubts(finding(gained([row()], 30))) and not doubts(finding(None))
+    assert not doubts(finding(gained([row(clock=CLOCK[:90])], 30)))
+
+
+def test_many_effects_at_once_are_as_likely_something_else_that_they_imitate():
+    """A pair is not: less is left for what nobody thought of, and nothing is said."""
+    assert something_else(3) == something_else(5) == 0.5 > 10.0 * something_else(2) == 10.0 * something_else(1)
+    three = ("backlash_size", "shaft_stiffness", "two_stage_stiffness")
+    assert ["3 effects together" in doubt for doubt in doubts(finding(together=three))] == [True]
+    assert not doubts(finding(together=three[:2])) and not doubts(finding(together=three, verdict="unknown"))
 
 
 def test_errors_of_nothing_are_numbers_still():

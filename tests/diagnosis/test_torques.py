@@ -10,7 +10,7 @@ from cosim.diagnosis.effect import factor
 from cosim.diagnosis.evidence import Layout, prior
 from cosim.diagnosis.fitting import Tangent
 from cosim.diagnosis.predict import Coordinate
-from cosim.diagnosis.torques import BENDS, Healthy, Torque
+from cosim.diagnosis.torques import Healthy, Torque
 
 SAMPLES, PIECES, KNOTS, SIZE = 30, 4, 3, 1.7
 LEFT = [1.0, 2.5]  # by what the noise's variance is larger
@@ -37,13 +37,13 @@ def problem():
     layout = Layout(coordinates, len(LEFT))
     # the derivatives are a fit's, which knows of one cause
     fit = SimpleNamespace(causes=("one",), points=[np.zeros(4)] * 2, tangents=[Tangent(s) for s in slopes])
-    bends = [0.1 * random.standard_normal((SAMPLES, KNOTS)) for _ in LEFT]
+    bends = [[size * random.standard_normal((SAMPLES, KNOTS)) for size in (0.4, 0.2)] for _ in LEFT]
     healthy = [Healthy(layout, r, fit, y, np.ones(SAMPLES), b) for r, (y, b) in enumerate(zip(left, bends))]
     spread = prior(coordinates, fit.causes)
     apart = np.abs(np.subtract.outer(np.arange(KNOTS), np.arange(KNOTS)))
-    smooth = BENDS**2 * np.exp(-apart / KNOTS)
-    usual = [noise * np.eye(SAMPLES) + (s * spread[layout.columns[r]] ** 2) @ s.T.astype(float) + b @ smooth @ b.T
-             for r, (s, noise, b) in enumerate(zip(slopes, LEFT, bends))]
+    smooth = np.exp(-apart / KNOTS)
+    usual = [noise * np.eye(SAMPLES) + (s * spread[layout.columns[r]] ** 2) @ s.T.astype(float)
+             + sum(kind @ smooth @ kind.T for kind in b) for r, (s, noise, b) in enumerate(zip(slopes, LEFT, bends))]
     return healthy, pieces, left, usual
 
 
