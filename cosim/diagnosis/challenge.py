@@ -25,8 +25,8 @@ _BESIDE = 3  # further causes that are fitted from where the leader is as well
 # stands for the true one promises less than all of these.
 _STARTED = (20, 6)
 _SHORTLIST, _SHORTLIST_PLAIN = (6, 3), (3, 2)
-# Log evidence below the leader at which a rival gets derivatives of its own; and beside a leader of more causes than
-# that everything is scanned in place of each: there a slope, 7 behind, stood at 17 as long as it had none.
+# Log evidence below the leader at which a rival gets derivatives of its own. More beside a leader of so many causes
+# that nothing is scanned in place of each: there the right cause, 7 behind, stood at 17 as long as it had none.
 _RIVAL, _RIVAL_OF_MANY = 12.0, 25.0
 SWAPPED_CAUSES = 3
 _ADVISERS, _ADVISED = 4, 2  # rivals whose derivatives are asked as well; of what they promise are fitted
