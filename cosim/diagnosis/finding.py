@@ -12,8 +12,8 @@ from cosim.diagnosis.regression import remaining
 
 BLOCK = 0.5  # s of a recording that stand together where errors before and after are paired
 # Probability that is left for what nobody thought of; and where it takes more than a pair of effects to explain what is
-# measured: three at once are rarer than something else that they imitate together. Of 300 blind cases, none with three
-# effects in it, eight took three, and in seven of these there was an effect outside the catalogue.
+# measured: three at once are rarer than something else that they imitate together. Of 300 findings in blind cases, none
+# with three effects in it, eight took three, and in seven of these there was an effect outside the catalogue.
 _SOMETHING_ELSE, _FOR_MANY, _PAIR = 0.03, 0.5, 2
 NOTHING = "nothing"  # for what a missing torque goes with
 _WHAT = {"N": "force", "N.m": "torque", "rad": "twist"}  # that is missing, by its unit
