@@ -26,7 +26,7 @@ def guess(path, out=None, *, workers=None):
         raise ValueError(FAILS.partition(": ")[2])
     name = list(CATALOGUE)[number % len(CATALOGUE)]
     cause = {"effect": name, "probability": (number % 100) / 100.0, "parameters": {}}
-    return SimpleNamespace(reserved=[], finding={
+    return SimpleNamespace(reserved=[], identification=None, finding={
         "verdict": "cause", "causes": [cause], "ambiguous_with": [], "next_manoeuvre": None, "unknown": None,
         "gain": None})
 

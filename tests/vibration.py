@@ -59,6 +59,22 @@ class WithPlay(Plant):
         return super().predict(u, run, change)
 
 
+class WithStages(Plant):
+    """The slope may be another up to some moment, which may be the end of the recording or later."""
+
+    def __init__(self, hidden, stage=0.0, width=0.0):
+        super().__init__(hidden | {"tilt": stage, "curve": width})  # their places
+        for place, name, probe in ((3, "stage", 0.4), (4, "width", 0.2)):
+            c = coordinate("stages")
+            p = replace(c.parameter, name=name, probes=(float(np.exp(probe)),), same_as="slope" * (name == "stage"))
+            self.coordinates[place] = replace(c, name=name, parameter=p, low=-1.0 if name == "stage" else 0.0)
+
+    def predict(self, u, run, change=None):
+        u = u.copy()
+        stage, width, u[3:5] = u[3], u[4], 0.0
+        return super().predict(u, run, change) + stage * np.minimum(CLOCK, 8.0 * width)
+
+
 def found(hidden):
     """A search on a plant with something hidden, and its result."""
     search = Search(Plant(hidden), lambda text: None)

@@ -12,7 +12,7 @@ import tempfile
 import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,11 +22,13 @@ import cosim
 import driveline
 from benchmarks.blind.cases import BlindCase, top_gear
 from benchmarks.blind.score import CATALOGUED, found_sizes, named
+from benchmarks.blind.visibility import visibility
 from cosim.diagnosis.catalogue import CATALOGUE, apply_all
 from cosim.diagnosis.hidden import Hidden, hide
 from cosim.diagnosis.hidden.recordings import BACK, KINDS, usual
 from cosim.diagnosis.plants import FullOrderCar
 from cosim.files import write_text
+from cosim.measured import load
 from cosim.studies.sweep import Case, Sweep
 from driveline.plants.full_order import FullOrderPlant
 from driveline.plants.linear import shuffle_mode
@@ -158,7 +160,8 @@ def examined(case: BlindCase, method: str = DIAGNOSE, code: str | None = None) -
         raise InputError("the code of a worker is not that of who started the run (edited meanwhile, or another "
                          "version on the cluster): start again, what is done with this code is kept")
     result = {**asdict(case), "code": fingerprint(), "truth": None, "finding": None, "error": None,
-              "seconds": None, "gain": None, "shuffle": None, "again": None}
+              "seconds": None, "gain": None, "shuffle": None, "visibility": None,
+              "again": None}
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "measurement"
         try:
@@ -168,6 +171,10 @@ def examined(case: BlindCase, method: str = DIAGNOSE, code: str | None = None) -
             result["gain"] = _ideal(diagnosis, hidden)
             if case.category == "cocktail":
                 result["shuffle"] = shuffle(diagnosis.car, hidden, result["finding"])
+            if case.category == "outside" and diagnosis.identification is not None:
+                hide_case(replace(case, effects=()), case.manoeuvres, Path(folder) / "without")
+                without, _ = diagnosis.car.stretches(load(Path(folder) / "without"))
+                result["visibility"] = visibility(diagnosis, without)
         except Exception as error:
             result["error"] = f"{type(error).__name__}: {error}\n{traceback.format_exc(limit=-4)}"
             return result

@@ -10,6 +10,7 @@ How a finding is read:
 - *confidently wrong*: ``cause`` as the verdict, what is named has 80 % or more together, and not all of it is there.
 - *as large as the recordings show*: the hidden effect, of a pair both, is beyond what ``would_show`` of the finding
   says would have been named. Where that is not known (effects that do nothing while small) a case counts for neither.
+  One outside the catalogue takes as much evidence from a healthy car as names a cause (``visibility``).
 - errors of parameters are those of hidden ones whose effect is among the named: |found/true - 1| of a factor,
   |found - true|/|true| of a shift. Intervals are asked of every parameter of such an effect.
 """
@@ -27,6 +28,7 @@ from scipy.stats import binomtest, quantile_test
 from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.effect import EffectParameter
 from cosim.diagnosis.finding import joint_probability
+from cosim.diagnosis.fitting import EFFECT
 from cosim.diagnosis.hidden import VEHICLE
 
 Result = Mapping[str, Any]
@@ -98,7 +100,9 @@ def in_set(result: Result) -> bool:
 
 
 def visible(result: Result) -> bool | None:
-    """Whether all that was hidden is as large as the finding says the recordings show; None where it does not say."""
+    """Whether all that was hidden is as large as the recordings show; None where that is not known."""
+    if result["category"] == "outside":
+        return (result.get("visibility") or None) and result["visibility"]["healthy"] > -EFFECT
     shown = {(row["effect"], row["parameter"]): row for row in (result["finding"] or {}).get("would_show", ())}
     sizes = result["truth"]["effects"] if result["truth"] else {}
     beyond = []
@@ -345,6 +349,10 @@ def score(results: Sequence[Result]) -> list[Row]:
         rate("an inertia is wrong", "stiffness named", map(stiffness_for_inertia, inertia), at_most(0.0)),
         rate("outside", "called unknown", (verdict(r) == "unknown" for r in outside)),
         rate("outside", "called unknown, at the right balance", map(right_unknown, outside), at_least(0.8)),
+        rate("outside, as large as the recordings show", "called unknown, at the right balance",
+             (right_unknown(r) for r in outside if visible(r)), at_least(0.8)),
+        rate("outside, smaller than the recordings show", "called none",
+             (verdict(r) == "none" for r in outside if visible(r) is False)),
         rate("outside", "right driving variable too", (right_unknown(r) and _driven_right(r) for r in outside)),
         rate("outside", "confidently wrong", map(confidently_wrong, outside), at_most(0.05)),
         rate("single and pair", "confidently wrong", map(confidently_wrong, both), at_most(0.05)),
@@ -451,6 +459,8 @@ def line(result: Result) -> str:
                   for name, sizes in result["truth"]["effects"].items()]
         hidden += [f"{name} {about['size']:.3g} {about['unit']} at {about['balance']}"
                    for name, about in result["truth"]["outside"].items()]
+        if seen := result.get("visibility"):
+            hidden[-1] += f" ({seen['healthy']:.0f} units of evidence, {seen['found']:.0f} beside what was found)"
     else:
         hidden = list(result["effects"])
     # once there was but one vehicle, and results did not say so
@@ -465,6 +475,8 @@ def line(result: Result) -> str:
     text += ": " + (", ".join(causes) or "-")
     if finding["ambiguous_with"]:
         text += "; or " + " or ".join("+".join(entry["effects"]) for entry in finding["ambiguous_with"])
+    if left := finding.get("left_over"):
+        text += f"; left over {', '.join(f'{told:.0f}' for told in left['log_evidence'])} {left['place']}"
     if finding.get("unknown"):
         text += f"; {finding['unknown'].get('balance')} over {finding['unknown'].get('driving_variable')}"
     if result["again"]:

@@ -6,7 +6,7 @@ import json
 import logging
 import os
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -198,7 +198,7 @@ def _driveline(diagnosis: Diagnosis, car: FullOrderCar, out: Path | None, worker
             confirmed = {verdict.effect for verdict in verdicts if verdict.confirmed}
         diagnosis.identification = found
         say("whether something is missing beside what was found")
-        diagnosis.finding = _finding(predictor, found, _strange(search.fitter, found), confirmed)
+        diagnosis.finding = _finding(predictor, found, _left_over(search.fitter, found), confirmed)
         if diagnosis.finding["verdict"] == "unknown":
             say("looking for the torque that is missing")
             _localise(diagnosis, predictor, found, found.best if confirmed else found.healthy)
@@ -255,16 +255,20 @@ def is_missing(told: np.ndarray) -> bool:
     return float(np.mean(rest)) > MISSING
 
 
-def _strange(fitter: Fitter, found: Identification) -> bool:
-    """Whether something is there that no effect of the catalogue explains."""
+def _left_over(fitter: Fitter, found: Identification) -> dict[str, Any]:
+    """What is left beside what was found, as ``finding.json`` has it."""
     excess = [np.mean(list(run.values())) for run in found.noise.excess(fitter.residuals(found.best.predicted))]
-    if float(np.sqrt(np.mean(np.square(excess)))) > STRANGE:
-        return True
     first, *_ = disturbances(fitter.predictor, found.best, found.noise, WITNESSES)
-    return is_missing(first.alone)
+    return {"excess": float(np.sqrt(np.mean(np.square(excess)))), "place": first.place,
+            "log_evidence": [float(told) for told in first.alone]}
 
 
-def _finding(predictor: Predictor, found: Identification, strange: bool,
+def is_strange(left: Mapping[str, Any]) -> bool:
+    """Whether something is there that no effect of the catalogue explains, by what is left."""
+    return left["excess"] > STRANGE or is_missing(np.array(left["log_evidence"]))
+
+
+def _finding(predictor: Predictor, found: Identification, left: dict[str, Any],
              confirmed: Collection[str]) -> dict[str, Any]:
     best = found.best
     shares = _probabilities(found, CATALOGUE)
@@ -278,7 +282,7 @@ def _finding(predictor: Predictor, found: Identification, strange: bool,
             fit = next(f for f in found.alternatives if effect in f.effects)
             causes.append({"effect": effect, "probability": share,
                            "parameters": _parameters(predictor, fit, effect)})
-    if strange:
+    if is_strange(left):
         verdict = "unknown"
         beside_unknown(causes, confirmed)
     elif not best.causes:
@@ -289,7 +293,7 @@ def _finding(predictor: Predictor, found: Identification, strange: bool,
         "verdict": verdict, "wrong": [], "causes": causes, "together": [*best.effects],
         "ambiguous_with": [{"effects": sorted(set(fit.effects) - set(best.effects)), "separation_sigma": distance}
                            for fit, distance in rivals] if verdict == "ambiguous" else [],
-        "next_manoeuvre": None, "unknown": None, "extension": None, "gain": None,
+        "next_manoeuvre": None, "unknown": None, "left_over": left, "extension": None, "gain": None,
         "would_show": would_show(found.detectable, predictor.coordinates, predictor.car.values)}
 
 

@@ -36,6 +36,8 @@ class EffectParameter:
         detection: Rough smallest change of ``coordinate`` that shows in a few recordings.
         probes: Sizes from which to start a search, for effects that do nothing while they are small.
         nominal: What the vehicle file has of it, in its unit, where that is not the first target.
+        same_as: The parameter of another effect that does the same where the others of its own are beyond what a
+            recording reaches; empty for none.
     """
 
     name: str
@@ -48,6 +50,7 @@ class EffectParameter:
     detection: float
     probes: tuple[float, ...] = ()
     nominal: Callable[[Values], float] | None = None
+    same_as: str = ""
 
     @property
     def neutral(self) -> float:
@@ -93,9 +96,9 @@ class EffectParameter:
 
 
 def factor(name: str, *targets: str, unit: str, meaning: str, spread: float, limits: tuple[float, float],
-           detection: float, probes: tuple[float, ...] = ()) -> EffectParameter:
+           detection: float, probes: tuple[float, ...] = (), same_as: str = "") -> EffectParameter:
     """A number of the vehicle file that may be wrong by a factor."""
-    return EffectParameter(name, targets, unit, meaning, "log", spread, limits, detection, probes)
+    return EffectParameter(name, targets, unit, meaning, "log", spread, limits, detection, probes, same_as=same_as)
 
 
 def shift(name: str, *targets: str, unit: str, meaning: str, spread: float, limits: tuple[float, float],

@@ -6,7 +6,7 @@ something alone. Of causes that do the same in these recordings one is looked fo
 simulated at several sizes, and the best of these are fitted (``scan``); so is every cause beside whoever leads
 then, and in place of each of its causes, from the vehicle file anew. Whoever leads is challenged by every cause added,
 dropped or swapped (``challenge``); all that were fitted are compared under one noise (``pool``). At last those that do
-the same take the places of what was found. ``docs/diagnosis.md`` says why.
+the same, or do as far as the recordings reach, take the places of what was found. ``docs/diagnosis.md`` says why.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ log = logging.getLogger("cosim")
 APART = 3.0  # sigma: rivals closer than this cannot be told from the best
 _AFRESH = 2  # suppositions that are fitted by derivatives of their own where a search begins anew
 _TEMPER = 2.0  # of differences in evidence: a plant of another structure errs by some units
+_NARROWEST, _WIDTHS = 0.04, 9  # of what does the same where it is wide enough: shares of its limit that are tried
 _TURNS = 30  # steps of the search, at most; some three a cause
 
 
@@ -124,6 +125,7 @@ class Search:
             elif not self._challenged(leader) and not self._swapped(leader) and not self._rivals_settled(leader):
                 break
         self._put_instead()
+        self._put_around()
         leader, *others = self._likeliest([fit for fit in self.pool.worthy() if self.pool.plausible(fit)])
         noise = self.pool.noise
         shown = detectable(self.fitter.seen(self.file, noise), self.coordinates, -EFFECT)
@@ -256,6 +258,42 @@ class Search:
             score, hope = max(twin.score for twin in same), max(twin.hope for twin in same)
             for twin in same:
                 twin.score, twin.hope = score, hope
+
+    def _put_around(self) -> None:
+        """In place of a cause of the leader what is the same in these recordings, but would not be in livelier ones.
+
+        A shaft with two stages is a stiffer one as long as its second is not reached. Derivatives at the vehicle file
+        do not say so, as stages have no width there, and fits from a width that is too small do not get to it.
+        """
+        leader, coordinates = self.pool.worthy()[0], self.coordinates
+        for place, c in enumerate(coordinates):
+            for gone, other in enumerate(coordinates):
+                if (c.parameter is not None and c.parameter.same_as == other.name
+                        and other.cause in leader.causes and c.cause not in leader.causes):
+                    starts = self._around(leader, gone, place)
+                    if starts:
+                        best = max(starts, key=lambda fit: fit.score)
+                        self.pool.enter([self.pool.brought_near(self.fitter.relinearise(best, everything=False))])
+
+    def _around(self, fit: Fit, gone: int, place: int) -> list[Fit]:
+        """A coordinate's size given to another that is the same where its cause's others are large; for some of these.
+
+        Args:
+            fit: Which has it.
+            gone, place: Whose size, and whose it becomes.
+        """
+        c, starts = self.coordinates[place], []
+        others = [i for i in self.predictor.index(c.cause) if i != place]
+        causes = key((*fit.without(self.coordinates[gone].cause), c.cause))
+        for share in np.geomspace(_NARROWEST, 1.0, _WIDTHS):
+            points = [x.copy() for x in (fit.shared, *fit.points)]
+            for x in points:
+                x[place], x[gone] = np.clip(x[gone], c.low, c.high), 0.0
+                x[others] = [share * self.coordinates[i].high for i in others]
+            start = self.fitter.placed(fit, causes, points[0], points[1:])
+            if start is not None:
+                starts.append(self.fitter.assess(start, self.pool.noise))
+        return starts
 
     def _swaps(self, fit: Fit) -> list[tuple[str, str]]:
         return [(gone, other) for group in self.alike for gone in group if gone in fit.causes

@@ -180,6 +180,16 @@ def test_a_case_is_judged_by_what_its_recordings_can_show(effect, name, size, se
     assert (("single, smaller than the recordings show", "called none") in found) is (seen is False)
 
 
+def test_an_effect_outside_the_catalogue_is_large_enough_where_a_healthy_car_lacks_evidence():
+    seen, hardly, before = (result("outside", finding("none"), outside=["wavy_road"], **more) for more in (
+        {"visibility": {"healthy": 9.0, "found": 8.0}}, {"visibility": {"healthy": 2.0, "found": 2.0}}, {}))
+    assert [score.visible(r) for r in (seen, hardly, before)] == [True, False, None]
+    found = rows([seen, hardly, before])
+    assert found["outside, as large as the recordings show", "called unknown, at the right balance"].n == 1
+    assert found["outside, smaller than the recordings show", "called none"].here == 1.0
+    assert "9 units of evidence, 8 beside what was found" in score.line(seen)
+
+
 def test_the_fewer_forecasts_the_larger_the_calibration_error_of_exact_ones():
     few, many = (np.mean(score.exact_calibration_errors(np.full(n, 0.5))) for n in (25, 2500))
     assert few == pytest.approx(0.5 * np.sqrt(2.0 / np.pi) / 5.0, rel=0.1)  # mean distance of a binomial share

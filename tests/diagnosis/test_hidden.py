@@ -69,6 +69,17 @@ def test_another_structure_is_another_but_not_another_vehicle():
         assert low < apart / np.ptp(same.signals[name]) < high
 
 
+@pytest.mark.parametrize("ratio", [0.6, 1.45])
+def test_a_first_stage_that_is_never_left_is_the_stiffness_of_the_whole_shaft_in_either_structure(ratio):
+    shaft = nominal()["axle_shaft.stiffness"]
+    for other in (False, True):
+        staged, whole = (simulate(nominal() | more, 5, 12.0, TIMES, TORQUE, 2.0, other=other) for more in (
+            {"axle_first_stage.stiffness_ratio": ratio, "axle_first_stage.twist": 1.0},
+            {"axle_shaft.stiffness": ratio * shaft}))
+        for name, signal in whole.signals.items():
+            assert np.abs(staged.signals[name] - signal).max() < 1e-4 * np.ptp(signal), (name, other)
+
+
 def test_energy_of_the_hidden_plant_is_what_the_engine_gives_and_the_road_takes():
     """Steady state without slip of anything: power at the propeller shaft less losses moves the mass."""
     v = nominal() | {"tyre.rolling_resistance": 0.0, "vehicle.drag_coefficient": 0.0, "final_drive.loss_constant": 0.0,

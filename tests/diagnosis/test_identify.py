@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from vibration import DETECTION, Plant, WithPlay, found
+from vibration import CLOCK, DETECTION, Plant, WithPlay, WithStages, found
 
 from cosim.diagnosis.identify import Search
 from cosim.diagnosis.pool import SMALLEST
@@ -173,3 +173,21 @@ def test_what_goes_one_way_only_is_not_said_to_do_the_same_the_other_way():
     result = search.run()
     assert result.alike == [("slope", "tilt")] and result.best.causes == ("slope",)
     assert result.shares()[0] > 0.9 and search.pool.fits[("tilt",)].score < result.best.score - 20.0
+
+
+def test_what_does_the_same_as_far_as_recordings_reach_is_listed():
+    """Derivatives at the file do not say so, and a fit from a stage that ends within them need not get there."""
+    search = Search(WithStages({"slope": 0.3}), lambda text: None)
+    result = search.run()
+    assert result.best.causes == ("slope",) and not result.alike
+    [stages] = [fit for fit in result.alternatives if fit.causes == ("stages",)]
+    stages.score -= 100.0  # as if the search had ended where they are too narrow
+    search._put_around()
+    again = search.pool.fits["stages",]
+    assert 0.0 < result.lead(again) < 5.0 and again.near
+    assert again.shared[3] == pytest.approx(0.3, abs=0.02) and 8.0 * again.shared[4] > 0.9 * CLOCK[-1]
+
+
+def test_a_slope_that_changes_within_a_recording_is_not_the_slope():
+    result = Search(WithStages({}, stage=0.3, width=0.4), lambda text: None).run()
+    assert result.best.causes == ("stages",) and result.best.shared[4] == pytest.approx(0.4, abs=0.05)

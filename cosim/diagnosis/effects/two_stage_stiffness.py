@@ -16,7 +16,8 @@ EFFECT = Effect(
     parameters=(
         factor("first_stage_stiffness", "axle_first_stage.stiffness_ratio", unit="1",
                meaning="stiffness of the first stage over the second",
-               spread=0.5, limits=(0.03, 1.5), detection=0.15, probes=(0.4, 0.75, 1.35)),
+               spread=0.5, limits=(0.03, 1.5), detection=0.15, probes=(0.4, 0.75, 1.35),
+               same_as="axle_shaft_stiffness"),
         shift("first_stage_twist", "axle_first_stage.twist", unit="rad",
               meaning="twist of an axle shaft at which the first stage ends",
               spread=0.015, limits=(0.0, 0.1), detection=0.004, probes=(0.015, 0.008, 0.012)),

@@ -192,9 +192,7 @@ def _chain(q: np.void, v: Mapping[str, float], other: bool) -> None:
         stiffness = [parts * k_axle] * parts + list(k_tyre / shares)
         damping = [parts * c_axle] * parts + list(c_tyre / shares)
         q["hub"] = parts
-        # the first stage sits in the first part, such that the whole has the same two slopes
-        first = 1.0 / (parts / ratio - (parts - 1))
-        ratio, twist = first, ratio * twist / (first * parts)
+        twist /= parts  # every part has its stages
     q["nodes"] = len(inertia)
     q["chain_inertia"][:len(inertia)] = inertia
     q["chain_stiffness"][:len(stiffness)] = stiffness
@@ -315,9 +313,9 @@ def _rates(t, y, p, torque_times, torque):
         twist = y[first + i]
         d[first + i] = a - b
         link = q.chain_stiffness[i] * twist + q.chain_damping[i] * (a - b)
-        if i == 0 and q.stage_twist > 0.0:
+        if i < q.hub and q.stage_twist > 0.0:
             inner = min(max(twist, -q.stage_twist), q.stage_twist)
-            link -= q.chain_stiffness[0] * (1.0 - q.stage_ratio) * inner
+            link -= q.chain_stiffness[i] * (1.0 - q.stage_ratio) * inner
         if i < q.hub and q.axle_hardening > 0.0:
             link += q.axle_hardening * (q.hub * twist) ** 3
         d[FIXED + i] -= link
