@@ -476,7 +476,7 @@ def line(result: Result) -> str:
     if finding["ambiguous_with"]:
         text += "; or " + " or ".join("+".join(entry["effects"]) for entry in finding["ambiguous_with"])
     if left := finding.get("left_over"):
-        text += f"; left over {', '.join(f'{told:.0f}' for told in left['log_evidence'])} {left['place']}"
+        text += f"; left over {left['log_evidence']:.0f} {left['place']}"
     if finding.get("unknown"):
         text += f"; {finding['unknown'].get('balance')} over {finding['unknown'].get('driving_variable')}"
     if result["again"]:

@@ -40,9 +40,10 @@ LIKELY = 0.05  # causes less probable are not listed
 # Of the logarithm of what is left over what should be, root mean square over the runs: more, and the catalogue does
 # not explain it. A run of which something is missing weighs more than a little in each.
 STRANGE = 0.08
-# Nor does it where a torque is missing somewhere beside the causes, of so much log evidence a recording.
-# Right causes leave up to 26 of it, those that imitate what is not in the catalogue 32 to 503.
+# Nor does it where a torque is missing somewhere beside the causes, of so much log evidence (``lacking``).
+# Healthy cars and right causes leave up to 22 of it, what imitates what is not in the catalogue mostly more than 30.
 MISSING = 30.0
+_FEW = 2  # recordings that all count for that
 # What is missing elsewhere shows at one of them.
 WITNESSES = ("within the transmission", "propeller shaft", "within the axle shafts", "vehicle")
 _TOLD = 1.0  # N.m.s: impulse that may be lost where frames are, from which on that is said
@@ -206,7 +207,7 @@ def _driveline(diagnosis: Diagnosis, car: FullOrderCar, out: Path | None, worker
             say("looking for the manoeuvre that would tell the causes apart")
             _propose(diagnosis, search, found)
     diagnosis.suspects = [{"effect": name, "probability": share} for name, share in
-                          _probabilities(found, CATALOGUE).items()]
+                          _probabilities(found, CATALOGUE, diagnosis.finding["left_over"]).items()]
     say("what a healthy car would have shown")
     floors, points = found.noise.floors, [as_found(predictor, found.best, point) for point in found.best.points]
     roads = [on_its_road(car, car.values, run, floors) for run in runs]
@@ -222,7 +223,7 @@ def _driveline(diagnosis: Diagnosis, car: FullOrderCar, out: Path | None, worker
         _extend(diagnosis, predictor, found, out, build, say)
 
 
-def _probabilities(found: Identification, effects: Sequence[str]) -> dict[str, float]:
+def _probabilities(found: Identification, effects: Sequence[str], left: Mapping[str, Any]) -> dict[str, float]:
     """Probability that each effect is the cause: the suppositions' shares of all evidence.
 
     A supposition of several effects divides its share among them, so that all add up to at most 1.
@@ -230,7 +231,8 @@ def _probabilities(found: Identification, effects: Sequence[str]) -> dict[str, f
     shares = dict.fromkeys(effects, 0.0)
     for fit, weight in zip(found.alternatives, found.shares()):
         for effect in fit.effects:
-            shares[effect] += float(weight) * (1.0 - something_else(len(fit.effects))) / len(fit.effects)
+            sure = 1.0 - something_else(len(fit.effects), left["log_evidence"])
+            shares[effect] += float(weight) * sure / len(fit.effects)
     return shares
 
 
@@ -245,14 +247,17 @@ def _rivals(found: Identification) -> list[tuple[Fit, float]]:
     return rivals
 
 
-def is_missing(told: np.ndarray) -> bool:
-    """Whether a torque is missing, by the log evidence of it in each recording.
+def lacking(evidence: float, told: Sequence[float]) -> float:
+    """Log evidence of a missing torque that counts.
 
-    Where there are several, the one that favours it most does not count: in one a fit may be in a minimum where the
-    lash is crossed at another moment.
+    Of many recordings the mean of what each says, but for the one that favours it most: in one a fit may be in a
+    minimum where the lash is crossed at another moment. Of two both count: mostly the torque shows in one of them only.
+
+    Args:
+        evidence: Of all recordings together.
+        told: Of each as if it were the only one.
     """
-    rest = np.sort(told)[:-1] if told.size > 1 else told
-    return float(np.mean(rest)) > MISSING
+    return float(np.mean(np.sort(told)[:-1])) if len(told) > _FEW else evidence
 
 
 def _left_over(fitter: Fitter, found: Identification) -> dict[str, Any]:
@@ -260,18 +265,18 @@ def _left_over(fitter: Fitter, found: Identification) -> dict[str, Any]:
     excess = [np.mean(list(run.values())) for run in found.noise.excess(fitter.residuals(found.best.predicted))]
     first, *_ = disturbances(fitter.predictor, found.best, found.noise, WITNESSES)
     return {"excess": float(np.sqrt(np.mean(np.square(excess)))), "place": first.place,
-            "log_evidence": [float(told) for told in first.alone]}
+            "log_evidence": lacking(first.gain, first.alone), "recordings": first.alone.tolist()}
 
 
 def is_strange(left: Mapping[str, Any]) -> bool:
     """Whether something is there that no effect of the catalogue explains, by what is left."""
-    return left["excess"] > STRANGE or is_missing(np.array(left["log_evidence"]))
+    return left["excess"] > STRANGE or left["log_evidence"] > MISSING
 
 
 def _finding(predictor: Predictor, found: Identification, left: dict[str, Any],
              confirmed: Collection[str]) -> dict[str, Any]:
     best = found.best
-    shares = _probabilities(found, CATALOGUE)
+    shares = _probabilities(found, CATALOGUE, left)
     rivals = _rivals(found)
     causes = []
     for effect in sorted(best.effects, key=lambda e: -shares[e]):

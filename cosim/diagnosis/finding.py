@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
+from scipy.special import expit
 
 from cosim.diagnosis.regression import remaining
 
@@ -15,13 +16,22 @@ BLOCK = 0.5  # s of a recording that stand together where errors before and afte
 # measured: three at once are rarer than something else that they imitate together. Of 300 findings in blind cases, none
 # with three effects in it, eight took three, and in seven of these there was an effect outside the catalogue.
 _SOMETHING_ELSE, _FOR_MANY, _PAIR = 0.03, 0.5, 2
+# The nearer a missing torque comes to being one, the likelier that is: right causes mostly leave less than 10 units of
+# log evidence for it, what imitates something else 10 to 500.
+_AS_LIKELY, _SURER = 20.0, 4.0
 NOTHING = "nothing"  # for what a missing torque goes with
 _WHAT = {"N": "force", "N.m": "torque", "rad": "twist"}  # that is missing, by its unit
 
 
-def something_else(count: int) -> float:
-    """Probability that what so many effects explain together is something that nobody thought of."""
-    return _SOMETHING_ELSE if count <= _PAIR else _FOR_MANY
+def something_else(count: int, lacking: float = 0.0) -> float:
+    """Probability that what is explained is something that nobody thought of.
+
+    Args:
+        count: Of effects that explain it together.
+        lacking: Log evidence of a torque that is missing beside them.
+    """
+    many = _SOMETHING_ELSE if count <= _PAIR else _FOR_MANY
+    return max(many, float(expit((lacking - _AS_LIKELY) / _SURER)))
 
 
 def joint_probability(finding: Mapping[str, Any], effects: Collection[str]) -> float:

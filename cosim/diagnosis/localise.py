@@ -75,14 +75,17 @@ def disturbances(predictor: Predictor, fit: Fit, noise: Noise, places: Collectio
         places: Of ``PLACES``.
     """
     runs, layout = predictor.runs, Layout(predictor.coordinates, len(predictor.runs))
+    # as large as a sum of squares has it: what wanders is alike from sample to sample, and no torque that is missing;
+    # and whether a run is doubtful is not asked here
+    scales = noise.tempered(1.0 / noise.temperatures).scales
     signals = [signals_of(predictor, fit, r) for r in range(len(runs))]
     followed = {name: [pieces(name, own, signals) for own in signals] for name in QUICK}
-    moved = {(place, name): [h / scale[:, None] for h, scale in zip(slopes, noise.least)]
+    moved = {(place, name): [h / scale[:, None] for h, scale in zip(slopes, scales)]
              for place in dict.fromkeys((*places, *(place for place, _ in BENDS)))
              for name, slopes in slopes_of(predictor, fit, place, followed).items()}
     healthy = [Healthy(layout, r, fit, (run.stacked - fit.predicted[r]) / scale, scale,
                        [size * moved[which][r] for which, size in BENDS.items()])
-               for r, (run, scale) in enumerate(zip(runs, noise.least))]
+               for r, (run, scale) in enumerate(zip(runs, scales))]
     supposed = {(place, name): Torque(healthy, slopes, *HEIGHTS[name])
                 for (place, name), slopes in moved.items() if place in places}
     # a plant of another structure is never right to the noise: errors count as what the best supposition leaves

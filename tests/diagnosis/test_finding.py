@@ -72,6 +72,12 @@ def test_what_makes_the_recording_kept_back_worse_is_not_confirmed():
     assert not doubts(finding(gained([row(clock=CLOCK[:90])], 30)))
 
 
+def test_the_more_evident_a_missing_torque_the_likelier_is_something_else():
+    told = [something_else(1, lacking) for lacking in (-5.0, 5.0, 10.0, 20.0, 30.0)]
+    assert told[0] == told[1] == something_else(1) and told == sorted(told) and told[3] == 0.5 and told[4] > 0.9
+    assert something_else(3, 5.0) == something_else(3)
+
+
 def test_many_effects_at_once_are_as_likely_something_else_that_they_imitate():
     """A pair is not: less is left for what nobody thought of, and nothing is said."""
     assert something_else(3) == something_else(5) == 0.5 > 10.0 * something_else(2) == 10.0 * something_else(1)
