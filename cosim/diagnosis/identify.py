@@ -273,7 +273,9 @@ class Search:
                     starts = self._around(leader, gone, place)
                     if starts:
                         best = max(starts, key=lambda fit: fit.score)
-                        self.pool.enter([self.pool.brought_near(self.fitter.relinearise(best, everything=False))])
+                        wide = self.pool.brought_near(self.fitter.relinearise(best, everything=False))
+                        wide.hope = min(wide.hope, wide.score)  # by derivatives no width would be as good as that
+                        self.pool.enter([wide])
 
     def _around(self, fit: Fit, gone: int, place: int) -> list[Fit]:
         """A coordinate's size given to another that is the same where its cause's others are large; for some of these.
