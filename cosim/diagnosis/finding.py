@@ -19,6 +19,7 @@ _SOMETHING_ELSE, _FOR_MANY, _PAIR = 0.03, 0.5, 2
 # The nearer a missing torque comes to being one, the likelier that is: right causes mostly leave less than 10 units of
 # log evidence for it, what imitates something else 10 to 500.
 _AS_LIKELY, _SURER = 20.0, 4.0
+_SAID = 0.1  # probability of something else from which on it is said for that
 NOTHING = "nothing"  # for what a missing torque goes with
 _WHAT = {"N": "force", "N.m": "torque", "rad": "twist"}  # that is missing, by its unit
 
@@ -113,6 +114,11 @@ def doubts(finding: Mapping[str, Any]) -> list[str]:
     if finding["verdict"] in ("cause", "ambiguous") and len(together) > _PAIR:
         found.append(f"it takes {len(together)} effects together to explain what was measured: something else, that "
                      "they imitate, is as likely")
+    over = finding.get("left_over")
+    if over and finding["verdict"] != "unknown" and something_else(1, over["log_evidence"]) > _SAID:
+        what = "that the named effects imitate" if together else "too small to be sure of"
+        found.append(f"a torque may be missing, {over['place']}, by {over['log_evidence']:.0f} units of log evidence: "
+                     f"something unknown, {what}, is not unlikely")
     left = finding["gain"] and finding["gain"]["remains"]
     if left and left["share"] >= 1.0:
         found.append("the recording kept back does not confirm it: block by block the error there is "

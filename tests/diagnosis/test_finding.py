@@ -61,8 +61,9 @@ def test_blocks_that_are_all_alike_say_how_much_but_not_how_surely():
     assert left.share == pytest.approx(0.53, abs=0.02) and left.low is left.high is None and left.alone < 4.0
 
 
-def finding(gain=None, together=("mesh_loss",), verdict="cause"):
-    return {"verdict": verdict, "together": list(together), "gain": gain}
+def finding(gain=None, together=("mesh_loss",), verdict="cause", lacking=0.0):
+    return {"verdict": verdict, "together": list(together), "gain": gain,
+            "left_over": {"place": "vehicle", "log_evidence": lacking}}
 
 
 def test_what_makes_the_recording_kept_back_worse_is_not_confirmed():
@@ -76,6 +77,11 @@ def test_the_more_evident_a_missing_torque_the_likelier_is_something_else():
     told = [something_else(1, lacking) for lacking in (-5.0, 5.0, 10.0, 20.0, 30.0)]
     assert told[0] == told[1] == something_else(1) and told == sorted(told) and told[3] == 0.5 and told[4] > 0.9
     assert something_else(3, 5.0) == something_else(3)
+    [doubt] = doubts(finding(lacking=22.0))
+    assert doubt.startswith("a torque may be missing, vehicle, by 22 units") and "imitate" in doubt
+    [doubt] = doubts(finding(lacking=22.0, together=(), verdict="none"))
+    assert "too small to be sure of" in doubt
+    assert not doubts(finding(lacking=9.0)) and not doubts(finding(lacking=50.0, verdict="unknown"))
 
 
 def test_many_effects_at_once_are_as_likely_something_else_that_they_imitate():
