@@ -211,6 +211,13 @@ def test_a_confirmed_cause_beside_something_unknown_is_named(base):
     assert "Unknown cause A torque at the propeller shaft is missing" in said
 
 
+def test_a_cause_that_no_single_feature_shows_is_told_with_what_it_rests_on(base, pages):
+    given, rests = diagnosis(base, "cause"), "what is said here rests on all samples together"
+    given.finding["wrong"] = []
+    assert f"tolerance and noise explain; {rests}." in " ".join(words(render(given)).split())
+    assert not any(rests in words(page) for page in pages.values())
+
+
 def test_what_the_recordings_would_have_shown_is_told(pages):
     for page in pages.values():
         said = " ".join(words(page).split())
