@@ -40,7 +40,7 @@ LIKELY = 0.05  # causes less probable are not listed
 # Of the logarithm of what is left over what should be, root mean square over the runs: more, and the catalogue does
 # not explain it. A run of which something is missing weighs more than a little in each.
 STRANGE = 0.08
-# Nor does it where a torque is missing somewhere beside the causes, of so much log evidence (``lacking``).
+# Nor does it where a torque is missing somewhere beside the causes, of so much log evidence (``counted``).
 # Healthy cars and right causes leave up to 22 of it, what imitates what is not in the catalogue mostly more than 30.
 MISSING = 30.0
 _FEW = 2  # recordings that all count for that
@@ -226,12 +226,13 @@ def _driveline(diagnosis: Diagnosis, car: FullOrderCar, out: Path | None, worker
 def _probabilities(found: Identification, effects: Sequence[str], left: Mapping[str, Any]) -> dict[str, float]:
     """Probability that each effect is the cause: the suppositions' shares of all evidence.
 
-    A supposition of several effects divides its share among them, so that all add up to at most 1.
+    A supposition of several effects divides its share among them, so that all add up to at most 1. What is left counts
+    as long as it is not called unknown: beside that other rules hold (``beside_unknown``).
     """
-    shares = dict.fromkeys(effects, 0.0)
+    shares, lacking = dict.fromkeys(effects, 0.0), 0.0 if is_strange(left) else left["log_evidence"]
     for fit, weight in zip(found.alternatives, found.shares()):
         for effect in fit.effects:
-            sure = 1.0 - something_else(len(fit.effects), left["log_evidence"])
+            sure = 1.0 - something_else(len(fit.effects), lacking)
             shares[effect] += float(weight) * sure / len(fit.effects)
     return shares
 
@@ -247,7 +248,7 @@ def _rivals(found: Identification) -> list[tuple[Fit, float]]:
     return rivals
 
 
-def lacking(evidence: float, told: Sequence[float]) -> float:
+def counted(evidence: float, told: Sequence[float]) -> float:
     """Log evidence of a missing torque that counts.
 
     Of many recordings the mean of what each says, but for the one that favours it most: in one a fit may be in a
@@ -265,7 +266,7 @@ def _left_over(fitter: Fitter, found: Identification) -> dict[str, Any]:
     excess = [np.mean(list(run.values())) for run in found.noise.excess(fitter.residuals(found.best.predicted))]
     first, *_ = disturbances(fitter.predictor, found.best, found.noise, WITNESSES)
     return {"excess": float(np.sqrt(np.mean(np.square(excess)))), "place": first.place,
-            "log_evidence": lacking(first.gain, first.alone), "recordings": first.alone.tolist()}
+            "log_evidence": counted(first.gain, first.alone), "recordings": first.alone.tolist()}
 
 
 def is_strange(left: Mapping[str, Any]) -> bool:
