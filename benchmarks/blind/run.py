@@ -160,8 +160,7 @@ def examined(case: BlindCase, method: str = DIAGNOSE, code: str | None = None) -
         raise InputError("the code of a worker is not that of who started the run (edited meanwhile, or another "
                          "version on the cluster): start again, what is done with this code is kept")
     result = {**asdict(case), "code": fingerprint(), "truth": None, "finding": None, "error": None,
-              "seconds": None, "gain": None, "shuffle": None, "visibility": None,
-              "again": None}
+              "seconds": None, "gain": None, "shuffle": None, "visibility": None, "again": None}
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "measurement"
         try:
@@ -172,9 +171,7 @@ def examined(case: BlindCase, method: str = DIAGNOSE, code: str | None = None) -
             if case.category == "cocktail":
                 result["shuffle"] = shuffle(diagnosis.car, hidden, result["finding"])
             if case.category == "outside" and diagnosis.identification is not None:
-                hide_case(replace(case, effects=()), case.manoeuvres, Path(folder) / "without")
-                without, _ = diagnosis.car.stretches(load(Path(folder) / "without"))
-                result["visibility"] = visibility(diagnosis, without)
+                result["visibility"] = _visibility(diagnosis, case, Path(folder) / "without")
         except Exception as error:
             result["error"] = f"{type(error).__name__}: {error}\n{traceback.format_exc(limit=-4)}"
             return result
@@ -198,6 +195,16 @@ def _diagnosed(path: Path, method: str) -> tuple[Any, dict[str, Any], float]:
     if finding.get("verdict") not in VERDICTS or not {"causes", "ambiguous_with"} <= set(finding):
         raise ValueError(f"no finding: verdict is {finding.get('verdict')!r}, keys are {', '.join(finding)}")
     return diagnosis, finding, seconds
+
+
+def _visibility(diagnosis: Any, case: BlindCase, path: Path) -> dict[str, float] | None:
+    """How much of what is hidden shows, by the same case without it; None where a car cannot be simulated then."""
+    hide_case(replace(case, effects=()), case.manoeuvres, path)
+    without, _ = diagnosis.car.stretches(load(path))
+    try:
+        return visibility(diagnosis, without)
+    except ArithmeticError:
+        return None
 
 
 def truth(hidden: Hidden) -> dict[str, Any]:

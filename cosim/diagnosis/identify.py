@@ -265,17 +265,18 @@ class Search:
         A shaft with two stages is a stiffer one as long as its second is not reached. Derivatives at the vehicle file
         do not say so, as stages have no width there, and fits from a width that is too small do not get to it.
         """
-        leader, coordinates = self.pool.worthy()[0], self.coordinates
-        for place, c in enumerate(coordinates):
-            for gone, other in enumerate(coordinates):
-                if (c.parameter is not None and c.parameter.same_as == other.name
-                        and other.cause in leader.causes and c.cause not in leader.causes):
-                    starts = self._around(leader, gone, place)
-                    if starts:
-                        best = max(starts, key=lambda fit: fit.score)
-                        wide = self.pool.brought_near(self.fitter.relinearise(best, everything=False))
-                        wide.hope = min(wide.hope, wide.score)  # by derivatives no width would be as good as that
-                        self.pool.enter([wide])
+        leader = self.pool.worthy()[0]
+        suspected = [(i, c) for i, c in enumerate(self.coordinates) if c.cause]
+        wider = [(gone, place) for place, c in suspected for gone, other in suspected
+                 if c.parameter.same_as == other.name
+                 and other.cause in leader.causes and c.cause not in leader.causes]
+        for gone, place in wider:
+            starts = self._around(leader, gone, place)
+            if starts:
+                best = max(starts, key=lambda fit: fit.score)
+                wide = self.pool.brought_near(self.fitter.relinearise(best, everything=False))
+                wide.hope = min(wide.hope, wide.score)  # by derivatives no width would be as good as that
+                self.pool.enter([wide])
 
     def _around(self, fit: Fit, gone: int, place: int) -> list[Fit]:
         """A coordinate's size given to another that is the same where its cause's others are large; for some of these.
