@@ -34,7 +34,7 @@ def visibility(diagnosis: Any, without: Iterable[Run]) -> dict[str, float]:
     car, runs, found = diagnosis.car, diagnosis.runs, diagnosis.identification
     others = {run.name: run for run in without}
     declared = coordinates(car, runs)
-    noise = found.noise.tempered(1.0 / found.noise.temperatures)  # a run that nothing explains shows what it shows
+    noise = found.noise.undoubted  # a run that nothing explains shows what it shows
 
     def settled(fitter: Fitter, fit: Fit) -> float:
         return fitter.settle(fitter.assess(fitter.refine(fit, noise), noise), noise).score

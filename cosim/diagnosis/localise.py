@@ -77,7 +77,7 @@ def disturbances(predictor: Predictor, fit: Fit, noise: Noise, places: Collectio
     runs, layout = predictor.runs, Layout(predictor.coordinates, len(predictor.runs))
     # as large as a sum of squares has it: what wanders is alike from sample to sample, and no torque that is missing;
     # and whether a run is doubtful is not asked here
-    scales = noise.tempered(1.0 / noise.temperatures).scales
+    scales = noise.undoubted.scales
     signals = [signals_of(predictor, fit, r) for r in range(len(runs))]
     followed = {name: [pieces(name, own, signals) for own in signals] for name in QUICK}
     moved = {(place, name): [h / scale[:, None] for h, scale in zip(slopes, scales)]

@@ -90,6 +90,11 @@ class Noise:
             self.least.append(np.hypot(floor, sway))
             self.scales.append(np.hypot(floor, np.sqrt(run.stack(alike)) * sway))
 
+    @property
+    def undoubted(self) -> Noise:
+        """This noise where every run says what it says."""
+        return self.tempered(1.0 / self.temperatures)
+
     def tempered(self, temperatures: Sequence[float]) -> Noise:
         """This noise, larger: of each run, minus the log likelihood is divided by a temperature."""
         result = copy(self)

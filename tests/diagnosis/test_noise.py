@@ -98,6 +98,7 @@ def test_a_run_at_a_temperature_says_less_and_is_no_noisier(white):
     warm = noise.tempered([4.0])
     assert np.sum(warm.whiten(0, white) ** 2) == pytest.approx(0.25 * np.sum(noise.whiten(0, white) ** 2))
     assert warm.excess([10.0 * white]) == noise.excess([10.0 * white])
+    assert warm.undoubted.scales[0] == pytest.approx(noise.scales[0]) and warm.undoubted.temperatures == [1.0]
     assert np.array_equal(noise.scales[0], Noise([run("a", white)], *still()).scales[0])
 
 
