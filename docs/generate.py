@@ -242,8 +242,8 @@ def effect_page() -> str:
               f"For `driveline hide {PREFIX}NAME`: physics that no diagnosis can name, to see whether it admits "
               "that, and finds the balance and what the missing torque goes with.", ""]
     lines += table(("effect", "what it is", "balance", "goes with", "unit of its size"),
-                   ((f"`{PREFIX}{name}`", about.meaning, about.balance, about.driving_variable, about.unit)
-                    for name, about in OUTSIDE.items()))
+                   ((f"`{PREFIX}{name}`", about.meaning, about.balance, " or ".join(about.driving_variables),
+                     about.unit) for name, about in OUTSIDE.items()))
     title, _, text = inspect.cleandoc(hidden.__doc__).partition("\n")
     lines += ["## How such a measurement is made", "", title, text]
     return "\n".join(lines).rstrip() + "\n"

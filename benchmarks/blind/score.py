@@ -381,7 +381,7 @@ def _first_or_ambiguous(result: Result) -> bool:
 
 
 def _driven_right(result: Result) -> bool:
-    variables = {about["driving_variable"] for about in result["truth"]["outside"].values()}
+    variables = {name for about in result["truth"]["outside"].values() for name in about["driving_variables"]}
     return (result["finding"]["unknown"] or {}).get("driving_variable") in variables
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import inspect
 import pkgutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 
 from cosim.diagnosis import effects
@@ -25,6 +25,7 @@ def _collected() -> dict[str, Effect]:
 
 
 CATALOGUE: dict[str, Effect] = _collected()
+_SAME_AS = {p.name: p.same_as for found in CATALOGUE.values() for p in found.parameters if p.same_as}
 
 
 def effect(name: str) -> Effect:
@@ -37,6 +38,11 @@ def effect(name: str) -> Effect:
         raise InputError(f"there is no effect '{name}'{did_you_mean(name, CATALOGUE)}; "
                          "`driveline list effects` gives all")
     return CATALOGUE[name]
+
+
+def bend_one_curve(parameters: Collection[str]) -> bool:
+    """Whether two of some parameters are of one thing: a shaft in two stages that is softer throughout as well."""
+    return any(name in parameters and other in parameters for name, other in _SAME_AS.items())
 
 
 def apply(effect: Effect, sizes: Values, values: Values) -> dict[str, float]:

@@ -28,7 +28,7 @@ from cosim.diagnosis.localise import disturbances, goes_with
 from cosim.diagnosis.noise import Noise
 from cosim.diagnosis.plants import FullOrderCar, InstrumentedPlant, RigidPlant, Run, plant_for
 from cosim.diagnosis.plants.car import PLACES
-from cosim.diagnosis.predict import Predictor, coordinates
+from cosim.diagnosis.predict import Coordinate, Predictor, coordinates
 from cosim.diagnosis.profit import profit
 from cosim.diagnosis.residuals import wrong
 from cosim.diagnosis.road import on_its_road
@@ -206,8 +206,8 @@ def _driveline(diagnosis: Diagnosis, car: FullOrderCar, out: Path | None, worker
         if diagnosis.finding["verdict"] == "ambiguous":
             say("looking for the manoeuvre that would tell the causes apart")
             _propose(diagnosis, search, found)
-    diagnosis.suspects = [{"effect": name, "probability": share} for name, share in
-                          _probabilities(found, CATALOGUE, diagnosis.finding["left_over"]).items()]
+    shares = _probabilities(declared, found, CATALOGUE, diagnosis.finding["left_over"])
+    diagnosis.suspects = [{"effect": name, "probability": share} for name, share in shares.items()]
     say("what a healthy car would have shown")
     floors, points = found.noise.floors, [as_found(predictor, found.best, point) for point in found.best.points]
     roads = [on_its_road(car, car.values, run, floors) for run in runs]
@@ -223,7 +223,8 @@ def _driveline(diagnosis: Diagnosis, car: FullOrderCar, out: Path | None, worker
         _extend(diagnosis, predictor, found, out, build, say)
 
 
-def _probabilities(found: Identification, effects: Sequence[str], left: Mapping[str, Any]) -> dict[str, float]:
+def _probabilities(declared: Sequence[Coordinate], found: Identification, effects: Sequence[str],
+                   left: Mapping[str, Any]) -> dict[str, float]:
     """Probability that each effect is the cause: the suppositions' shares of all evidence.
 
     A supposition of several effects divides its share among them, so that all add up to at most 1. What is left counts
@@ -231,8 +232,9 @@ def _probabilities(found: Identification, effects: Sequence[str], left: Mapping[
     """
     shares, lacking = dict.fromkeys(effects, 0.0), 0.0 if is_strange(left) else left["log_evidence"]
     for fit, weight in zip(found.alternatives, found.shares()):
+        parameters = {c.parameter.name for c in declared if c.cause in fit.causes}
+        sure = 1.0 - something_else(len(fit.effects), lacking, parameters)
         for effect in fit.effects:
-            sure = 1.0 - something_else(len(fit.effects), lacking)
             shares[effect] += float(weight) * sure / len(fit.effects)
     return shares
 
@@ -277,7 +279,7 @@ def is_strange(left: Mapping[str, Any]) -> bool:
 def _finding(predictor: Predictor, found: Identification, left: dict[str, Any],
              confirmed: Collection[str]) -> dict[str, Any]:
     best = found.best
-    shares = _probabilities(found, CATALOGUE, left)
+    shares = _probabilities(predictor.coordinates, found, CATALOGUE, left)
     rivals = _rivals(found)
     causes = []
     for effect in sorted(best.effects, key=lambda e: -shares[e]):

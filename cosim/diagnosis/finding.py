@@ -9,12 +9,14 @@ from typing import Any
 import numpy as np
 from scipy.special import expit
 
+from cosim.diagnosis.catalogue import bend_one_curve
 from cosim.diagnosis.regression import remaining
 
 BLOCK = 0.5  # s of a recording that stand together where errors before and after are paired
 # Probability that is left for what nobody thought of; and where it takes more than a pair of effects to explain what is
-# measured: three at once are rarer than something else that they imitate together. Of 300 findings in blind cases, none
-# with three effects in it, eight took three, and in seven of these there was an effect outside the catalogue.
+# measured, or two that bend one curve: they are rarer than something else that they imitate together. Of 300 findings
+# in blind cases, none with three effects in it, eight took three, and in seven of these there was an effect outside the
+# catalogue. Shafts that are softer and have two stages were named together three times, and were not there.
 _SOMETHING_ELSE, _FOR_MANY, _PAIR = 0.03, 0.5, 2
 # The nearer a missing torque comes to being one, the likelier that is: right causes mostly leave less than 10 units of
 # log evidence for it, what imitates something else 10 to 500.
@@ -24,14 +26,15 @@ NOTHING = "nothing"  # for what a missing torque goes with
 _WHAT = {"N": "force", "N.m": "torque", "rad": "twist"}  # that is missing, by its unit
 
 
-def something_else(count: int, lacking: float = 0.0) -> float:
+def something_else(count: int, lacking: float = 0.0, parameters: Collection[str] = ()) -> float:
     """Probability that what is explained is something that nobody thought of.
 
     Args:
         count: Of effects that explain it together.
         lacking: Log evidence of a torque that is missing beside them.
+        parameters: Of these effects, by name.
     """
-    many = _SOMETHING_ELSE if count <= _PAIR else _FOR_MANY
+    many = _FOR_MANY if count > _PAIR or bend_one_curve(parameters) else _SOMETHING_ELSE
     return max(many, float(expit((lacking - _AS_LIKELY) / _SURER)))
 
 
@@ -114,6 +117,10 @@ def doubts(finding: Mapping[str, Any]) -> list[str]:
     if finding["verdict"] in ("cause", "ambiguous") and len(together) > _PAIR:
         found.append(f"it takes {len(together)} effects together to explain what was measured: something else, that "
                      "they imitate, is as likely")
+    elif finding["verdict"] in ("cause", "ambiguous") and bend_one_curve(
+            {name for cause in finding["causes"] if cause["effect"] in together for name in cause["parameters"]}):
+        found.append(f"{' and '.join(name.replace('_', ' ') for name in together)} bend one curve: something else that "
+                     "does, of another shape, is as likely")
     over = finding.get("left_over")
     if over and finding["verdict"] != "unknown" and something_else(1, over["log_evidence"]) > _SAID:
         what = "that the named effects imitate" if together else "too small to be sure of"

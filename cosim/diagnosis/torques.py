@@ -1,9 +1,10 @@
 """Torques that may be missing at a place of the driveline, and how evident each is.
 
 A torque may be anything that lasts: a row of hats over time whose heights belong to an Ornstein-Uhlenbeck process. Or
-it follows a variable of the driveline as fast as that moves: a curve over it (``FOLLOWED``), the same in all runs, or
-a wave once a revolution of the wheels. What each piece does to all channels is simulated; the most probable torque and
-its evidence follow in closed form, beside everything that healthy cars may differ by.
+it follows a variable of the driveline as fast as that moves: a curve over it, the same in all runs (``FOLLOWED``) or
+in each its own (the engine's torque), or a wave once a revolution of the wheels. What each piece does to all channels
+is simulated; the most probable torque and its evidence follow in closed form, beside everything that healthy cars may
+differ by.
 """
 
 from __future__ import annotations
@@ -22,8 +23,9 @@ from cosim.diagnosis.plants.hats import LONG_MEMORY, correlation, row
 from cosim.diagnosis.predict import Predictor
 
 SHAFT_TORQUE = "shaft torque"  # what the propeller shaft carries, beside the torque that is missing
+ENGINE_TORQUE = "engine torque"  # what housings bear before a shaft carries any: no shaft does while a lash is crossed
 FOLLOWED = ("speed", SHAFT_TORQUE, "twist", "time")
-QUICK = ("wheel angle", *FOLLOWED)
+QUICK = ("wheel angle", ENGINE_TORQUE, *FOLLOWED)
 LASTING, CONSTANT = "lasting", "constant"
 LASTS = 0.3  # s: how long a torque that lasts stays alike
 _KNOTS = 7  # of a curve
@@ -42,6 +44,7 @@ def signals_of(predictor: Predictor, fit: Fit, r: int) -> dict[str, np.ndarray]:
     raw = predictor.car.raw(values, run, nuisance)
     return {
         "speed": raw["vehicle_speed"], SHAFT_TORQUE: raw["propeller_shaft_torque"],
+        ENGINE_TORQUE: raw["crankshaft_torque"],
         "twist": raw["axle_shaft_torque"] / (2.0 * values["axle_shaft.stiffness"]),
         "time": run.time - run.start, "distance": np.cumsum(raw["vehicle_speed"]) * STEP,
         "wheel angle": np.cumsum(raw["wheel_speed"]) * STEP}
@@ -56,7 +59,8 @@ def _alike(count: int) -> np.ndarray:
 # By what a torque goes: how the heights of its pieces correlate, and whether all runs have them in common.
 HEIGHTS: dict[str, tuple[Callable[[int], np.ndarray], bool]] = {
     LASTING: (lambda count: correlation(count, LASTS), False), CONSTANT: (np.eye, True),
-    "wheel angle": (np.eye, False), **dict.fromkeys(FOLLOWED, (_alike, True))}
+    "wheel angle": (np.eye, False), ENGINE_TORQUE: (_alike, False),  # what it does to a gear depends on which it is
+    **dict.fromkeys(FOLLOWED, (_alike, True))}
 
 
 def pieces(name: str, values: Mapping[str, np.ndarray], signals: Sequence[Mapping[str, np.ndarray]]) -> np.ndarray:

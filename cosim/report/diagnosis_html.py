@@ -32,7 +32,8 @@ _HEADS = {"cause": "Cause found", "ambiguous": "Several causes possible", "unkno
           "none": "Nothing wrong"}
 _SAME, _CLOSE = 2.0, 3.0  # sigma: below, causes cannot be told apart, or hardly
 # Of what a missing torque may go with.
-_UNITS = {"speed": "m/s", "shaft torque": "N.m", "twist": "rad", "wheel angle": "rad", "time": "s", "distance": "m"}
+_UNITS = {"speed": "m/s", "shaft torque": "N.m", "engine torque": "N.m", "twist": "rad", "wheel angle": "rad",
+          "time": "s", "distance": "m"}
 
 
 def render(diagnosis: Diagnosis) -> str:

@@ -38,7 +38,7 @@ def finding(verdict, causes=(), ambiguous=(), unknown=None, gain=None):
 def result(category, found, effects=None, outside=None, **more):
     truth = {"effects": effects or {}, "changed": {}, "structure": "same", "outside": {
         name: {"size": 1.0, "unit": "1", "balance": OUTSIDE[name].balance,
-               "driving_variable": OUTSIDE[name].driving_variable} for name in outside or ()}}
+               "driving_variables": list(OUTSIDE[name].driving_variables)} for name in outside or ()}}
     return {"name": f"{category}-0", "category": category, "effects": [*(effects or {})], "seed": 0,
             "structure": "same", "manoeuvres": None, "vehicle": "pickup_10r80", "truth": truth, "finding": found,
             "error": None, "seconds": 1.0, "gain": None, "shuffle": None, "again": None} | more
@@ -51,7 +51,7 @@ def perfect():
         results.append(result("pair", found, a | b))
     results += [result(name, finding("none")) for name in score.NOTHING]
     results += [result("outside", finding("unknown", unknown={
-        "balance": about.balance, "driving_variable": about.driving_variable}), outside=[name])
+        "balance": about.balance, "driving_variable": about.driving_variables[0]}), outside=[name])
         for name, about in OUTSIDE.items()]
     return results
 

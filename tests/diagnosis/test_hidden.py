@@ -183,7 +183,7 @@ def test_an_effect_outside_the_catalogue_shows_alike_in_both_structures(name, tm
             ("engine_speed", 0.6 * np.pi / 30), ("propeller_shaft_torque", 1.5), ("seat_acceleration", 0.02),
             ("wheel_speed", 0.12 * np.pi / 30))))
         told = json.loads((folder / "t.json").read_text())["outside"][name]
-        assert told["balance"] and told["driving_variable"] and told["size"] == OUTSIDE[name].sizes[0]
+        assert told["balance"] and told["driving_variables"] and told["size"] == OUTSIDE[name].sizes[0]
     assert min(shown) > 1.0  # in every sample, and there are hundreds
     assert shown[0] == pytest.approx(shown[1], rel=0.3)
 

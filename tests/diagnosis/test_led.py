@@ -15,6 +15,7 @@ from cosim.diagnosis.plants import STEP, FullOrderCar, Nuisance
 from cosim.diagnosis.plants.car import CHANNELS, PLACES, led_by
 from cosim.diagnosis.plants.hats import EVERY, MEMORY, comb, fast, hats, row, teeth
 from cosim.diagnosis.predict import WANDERS, Predictor, coordinates
+from cosim.diagnosis.torques import ENGINE_TORQUE
 from cosim.measured import Channel, load
 from driveline.plants.full_order import FullOrderPlant
 from driveline.quantities import InputError
@@ -56,7 +57,7 @@ def test_without_anchors_it_is_the_full_order_plant(car_and_run):
     car, run = car_and_run
     run = replace(run.free, start=0.0)  # its sensors sample every millisecond, which cuts steps that begin between
     itself, free = on_its_own(car.values, run), car.raw(car.values | FINE, run)
-    assert set(free) == {*CHANNELS, "axle_shaft_torque", "differential_speed"}
+    assert set(free) == {*CHANNELS, "axle_shaft_torque", "crankshaft_torque", "differential_speed"}
     for name in set(free) & set(itself) - {"differential_acceleration"}:
         assert np.array_equal(free[name], itself[name]), name
 
@@ -293,6 +294,17 @@ def test_a_torque_that_follows_what_is_fast_is_found_as_a_curve(car_and_run):
     assert np.ptp(true) > 2.0 * first.table["std"].max()
     name, shape, _ = goes_with(first.table, first.follows)
     assert name == "twist" and shape.startswith("rises")
+
+
+def test_a_housing_that_turns_by_the_torque_of_the_engine_is_found_at_the_gears(car_and_run):
+    """Before any shaft carries it: while the lash is crossed, within a tenth of a second, and by no curve over it."""
+    car, run = car_and_run
+    bears = car.raw(car.values, run.free)["crankshaft_torque"]
+    turned = 0.008 * np.tanh(bears / 15.0)
+    (first, *_), _ = missing(car, run, car.pushed(car.values, run.free, Nuisance(), "within the transmission", turned),
+                             WITNESSES)
+    assert (first.place, first.follows) == ("within the transmission", ENGINE_TORQUE) and first.gain > 2.0 * MISSING
+    assert goes_with(first.table, first.follows)[1].startswith("rises")
 
 
 @pytest.mark.parametrize(("size", "is_there"), [(4.0, False), (100.0, True)])

@@ -80,7 +80,7 @@ class Hidden:
         return {
             "vehicle": self.vehicle, "variant": self.variant, "seed": self.seed, "effects": self.effects,
             "outside": {name: {"size": size, "unit": OUTSIDE[name].unit, "balance": OUTSIDE[name].balance,
-                               "driving_variable": OUTSIDE[name].driving_variable}
+                               "driving_variables": list(OUTSIDE[name].driving_variables)}
                         for name, size in self.outside.items()},
             "changed": {name: {"nominal": a, "true": b} for name, (a, b) in self.changed.items()},
             "structure": self.structure, "drift": self.drift, "recordings": self.recordings}

@@ -18,7 +18,7 @@ class Outside:
     Attributes:
         meaning: One line.
         balance: The torque balance it enters, as ``Effect.acts_on``.
-        driving_variable: What its torque goes with.
+        driving_variables: What its torque goes with; of several any is right.
         unit: Of its size.
         sizes: Smallest and largest of a draw.
         limit: Largest that can be simulated.
@@ -26,7 +26,7 @@ class Outside:
 
     meaning: str
     balance: str
-    driving_variable: str
+    driving_variables: tuple[str, ...]
     unit: str
     sizes: tuple[float, float]
     limit: float
@@ -35,15 +35,16 @@ class Outside:
 OUTSIDE = {
     "engine_mount_coupling": Outside(
         "the powertrain rolls on mounts that harden with torque, and the gearbox with it: so many times as far "
-        "as the mounts of the file would let it", "transmission", "shaft torque", "1", (60.0, 240.0), 400.0),
+        "as the mounts of the file would let it", "transmission", ("shaft torque", "engine torque"), "1",
+        (60.0, 240.0), 400.0),
     "hardening_axle_shafts": Outside(
-        "the axle shafts stiffen with the cube of their twist", "axle", "twist", "N.m/rad3", (4e6, 1.5e7), 1e8),
+        "the axle shafts stiffen with the cube of their twist", "axle", ("twist",), "N.m/rad3", (4e6, 1.5e7), 1e8),
     "warming_oil": Outside(
         "viscous drag on the propeller shaft that fades within seconds as the oil warms", "propeller shaft",
-        "time", "N.m.s/rad", (0.15, 0.5), 5.0),
+        ("time",), "N.m.s/rad", (0.15, 0.5), 5.0),
     "wavy_road": Outside(
-        "a road that rises and falls every 14 m", "vehicle", "distance", "rad", (0.008, 0.025), 0.1),
+        "a road that rises and falls every 14 m", "vehicle", ("distance",), "rad", (0.008, 0.025), 0.1),
     "tyre_out_of_round": Outside(
-        "a tyre out of round that pushes the axle once a revolution", "vehicle", "wheel angle", "N",
+        "a tyre out of round that pushes the axle once a revolution", "vehicle", ("wheel angle",), "N",
         (150.0, 500.0), 5000.0),
 }

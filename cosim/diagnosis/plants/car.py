@@ -33,9 +33,9 @@ LOCKED = 8.0  # rad/s: a lock-up clutch that is closed slips less, by its contro
 
 CHANNELS = ("engine_speed", "turbine_speed", "transmission_output_speed", "wheel_speed", "vehicle_speed",
             "propeller_shaft_torque", "seat_acceleration", "differential_acceleration")
-# Outputs of the plant that are computed: what sensors show (of an accelerometer, what it is made of), and the torque
-# that shafts twist by.
-_COMPUTED = {*CHANNELS, "axle_shaft_torque"} - {"differential_acceleration"}
+# Outputs of the plant that are computed: what sensors show (of an accelerometer, what it is made of), and the torques
+# that shafts twist by and that the engine gives.
+_COMPUTED = {*CHANNELS, "axle_shaft_torque", "crankshaft_torque"} - {"differential_acceleration"}
 
 
 @dataclass(frozen=True)
