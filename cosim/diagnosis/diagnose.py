@@ -6,7 +6,7 @@ import json
 import logging
 import os
 import time
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -19,37 +19,23 @@ from cosim.diagnosis import extend, plausible, proposal
 from cosim.diagnosis.bench import diagnose_bench
 from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.confirm import FEWEST, Jury, words
-from cosim.diagnosis.detectable import would_show
-from cosim.diagnosis.evidence import Layout
-from cosim.diagnosis.finding import doubts, gained, something_else
-from cosim.diagnosis.fitting import Fit, Fitter, as_found
+from cosim.diagnosis.finding import doubts, gained
+from cosim.diagnosis.fitting import Fit, as_found
 from cosim.diagnosis.identify import APART, Identification, Search
 from cosim.diagnosis.localise import disturbances, goes_with
 from cosim.diagnosis.noise import Noise
 from cosim.diagnosis.plants import FullOrderCar, InstrumentedPlant, RigidPlant, Run, plant_for
 from cosim.diagnosis.plants.car import PLACES
-from cosim.diagnosis.predict import Coordinate, Predictor, coordinates
+from cosim.diagnosis.predict import Predictor, coordinates
 from cosim.diagnosis.profit import profit
 from cosim.diagnosis.residuals import wrong
 from cosim.diagnosis.road import on_its_road
+from cosim.diagnosis.verdict import finding_of, left_over, probabilities, rivals_of
 from cosim.files import write_text
 from cosim.measured import Measurement, load
 
 log = logging.getLogger("cosim")
-LIKELY = 0.05  # causes less probable are not listed
-# Of the logarithm of what is left over what should be, root mean square over the runs: more, and the catalogue does
-# not explain it. A run of which something is missing weighs more than a little in each.
-STRANGE = 0.08
-# Nor does it where a torque is missing somewhere beside the causes, of so much log evidence (``counted``).
-# Healthy cars and right causes leave up to 21 of it, what imitates what is not in the catalogue mostly more than 30.
-MISSING = 30.0
-_FEW = 2  # recordings that all count for that
-# What is missing elsewhere shows at one of them.
-WITNESSES = ("within the transmission", "propeller shaft", "within the axle shafts", "vehicle")
 _TOLD = 1.0  # N.m.s: impulse that may be lost where frames are, from which on that is said
-# Of a cause's probability is left where something else is there, that it may only imitate: of 32 blind cases that were
-# called unknown two had what was named beside it.
-_BESIDE_UNKNOWN = 0.1
 _COMPARED = 4  # rivals that a proposed manoeuvre has to tell from the best
 _DRAWS = 30  # healthy cars
 
@@ -199,14 +185,14 @@ def _driveline(diagnosis: Diagnosis, car: FullOrderCar, out: Path | None, worker
             confirmed = {verdict.effect for verdict in verdicts if verdict.confirmed}
         diagnosis.identification = found
         say("whether something is missing beside what was found")
-        diagnosis.finding = _finding(predictor, found, _left_over(search.fitter, found), confirmed)
+        diagnosis.finding = finding_of(predictor, found, left_over(search.fitter, found), confirmed)
         if diagnosis.finding["verdict"] == "unknown":
             say("looking for the torque that is missing")
             _localise(diagnosis, predictor, found, found.best if confirmed else found.healthy)
         if diagnosis.finding["verdict"] == "ambiguous":
             say("looking for the manoeuvre that would tell the causes apart")
             _propose(diagnosis, search, found)
-    shares = _probabilities(declared, found, CATALOGUE, diagnosis.finding["left_over"])
+    shares = probabilities(declared, found, CATALOGUE, diagnosis.finding["left_over"])
     diagnosis.suspects = [{"effect": name, "probability": share} for name, share in shares.items()]
     say("what a healthy car would have shown")
     floors, points = found.noise.floors, [as_found(predictor, found.best, point) for point in found.best.points]
@@ -221,114 +207,6 @@ def _driveline(diagnosis: Diagnosis, car: FullOrderCar, out: Path | None, worker
             diagnosis.traces[(run.name, name)] = (run.clocks[name], run.measured[name], before[place], then[place])
     if found.best.causes:
         _extend(diagnosis, predictor, found, out, build, say)
-
-
-def _probabilities(declared: Sequence[Coordinate], found: Identification, effects: Sequence[str],
-                   left: Mapping[str, Any]) -> dict[str, float]:
-    """Probability that each effect is the cause: the suppositions' shares of all evidence.
-
-    A supposition of several effects divides its share among them, so that all add up to at most 1. What is left counts
-    as long as it is not called unknown: beside that other rules hold (``beside_unknown``).
-    """
-    shares, lacking = dict.fromkeys(effects, 0.0), 0.0 if is_strange(left) else left["log_evidence"]
-    for fit, weight in zip(found.alternatives, found.shares()):
-        parameters = {c.parameter.name for c in declared if c.cause in fit.causes}
-        sure = 1.0 - something_else(len(fit.effects), lacking, parameters)
-        for effect in fit.effects:
-            shares[effect] += float(weight) * sure / len(fit.effects)
-    return shares
-
-
-def _rivals(found: Identification) -> list[tuple[Fit, float]]:
-    """Other suppositions with an effect that the best has not, and their distance in sigma."""
-    rivals = []
-    for fit in found.alternatives:
-        distance = found.apart(fit)
-        if set(fit.effects) - set(found.best.effects) and len(fit.causes) <= max(1, len(found.best.causes)):
-            if distance < APART:
-                rivals.append((fit, distance))
-    return rivals
-
-
-def counted(evidence: float, told: Sequence[float]) -> float:
-    """Log evidence of a missing torque that counts.
-
-    Of many recordings the mean of what each says, but for the one that favours it most: in one a fit may be in a
-    minimum where the lash is crossed at another moment. Of two both count: mostly the torque shows in one of them only.
-
-    Args:
-        evidence: Of all recordings together.
-        told: Of each as if it were the only one.
-    """
-    return float(np.mean(np.sort(told)[:-1])) if len(told) > _FEW else evidence
-
-
-def _left_over(fitter: Fitter, found: Identification) -> dict[str, Any]:
-    """What is left beside what was found, as ``finding.json`` has it."""
-    excess = [np.mean(list(run.values())) for run in found.noise.excess(fitter.residuals(found.best.predicted))]
-    first, *_ = disturbances(fitter.predictor, found.best, found.noise, WITNESSES)
-    return {"excess": float(np.sqrt(np.mean(np.square(excess)))), "place": first.place,
-            "log_evidence": counted(first.gain, first.alone), "recordings": first.alone.tolist()}
-
-
-def is_strange(left: Mapping[str, Any]) -> bool:
-    """Whether something is there that no effect of the catalogue explains, by what is left."""
-    return left["excess"] > STRANGE or left["log_evidence"] > MISSING
-
-
-def _finding(predictor: Predictor, found: Identification, left: dict[str, Any],
-             confirmed: Collection[str]) -> dict[str, Any]:
-    best = found.best
-    shares = _probabilities(predictor.coordinates, found, CATALOGUE, left)
-    rivals = _rivals(found)
-    causes = []
-    for effect in sorted(best.effects, key=lambda e: -shares[e]):
-        causes.append({"effect": effect, "probability": shares[effect],
-                       "parameters": _parameters(predictor, best, effect)})
-    for effect, share in sorted(shares.items(), key=lambda item: -item[1]):
-        if effect not in best.effects and share > LIKELY:
-            fit = next(f for f in found.alternatives if effect in f.effects)
-            causes.append({"effect": effect, "probability": share,
-                           "parameters": _parameters(predictor, fit, effect)})
-    if is_strange(left):
-        verdict = "unknown"
-        beside_unknown(causes, confirmed)
-    elif not best.causes:
-        verdict = "none"
-    else:
-        verdict = "ambiguous" if rivals else "cause"
-    return {
-        "verdict": verdict, "wrong": [], "causes": causes, "together": [*best.effects],
-        "ambiguous_with": [{"effects": sorted(set(fit.effects) - set(best.effects)), "separation_sigma": distance}
-                           for fit, distance in rivals] if verdict == "ambiguous" else [],
-        "next_manoeuvre": None, "unknown": None, "left_over": left, "extension": None, "gain": None,
-        "would_show": would_show(found.detectable, predictor.coordinates, predictor.car.values)}
-
-
-def beside_unknown(causes: Sequence[dict[str, Any]], confirmed: Collection[str]) -> None:
-    """Lower the probabilities of causes beside which something nobody thought of is there; not of confirmed effects."""
-    for cause in causes:
-        if cause["effect"] not in confirmed:
-            cause["probability"] *= _BESIDE_UNKNOWN
-
-
-def _parameters(predictor: Predictor, fit: Fit, effect: str) -> dict[str, dict[str, Any]]:
-    """The numbers of an effect as a fit has them, with 90 % intervals."""
-    shared = {int(i): k for k, i in enumerate(Layout(predictor.coordinates, 0).shared)}
-    deviations = np.sqrt(np.diag(fit.posterior.covariance))
-    result: dict[str, dict[str, Any]] = {}
-    for i, c in enumerate(predictor.coordinates):
-        if c.effect != effect or c.cause not in fit.causes or c.parameter.name in result:
-            continue
-        p, x, deviation = c.parameter, float(fit.shared[i]), float(deviations[shared[i]])
-        if c.run is not None:  # two components in every run, and noise in each
-            all_of_it = [j for j in predictor.index(c.cause) if predictor.coordinates[j].parameter is p]
-            spread = np.array([deviations[shared[j]] for j in all_of_it])
-            power = 2.0 * (np.mean(fit.shared[all_of_it] ** 2) - np.mean(spread**2))
-            x, deviation = float(np.sqrt(max(power, 0.0))), float(np.sqrt(np.mean(spread**2) / len(all_of_it) * 2.0))
-        ends = (p.size(float(np.clip(x + 1.645 * side * deviation, c.low, c.high))) for side in (0.0, -1.0, 1.0))
-        result[p.name] = p.found(*ends, predictor.car.values)
-    return result
 
 
 def _healthy(freely: Predictor, noise: Noise) -> tuple[list[np.ndarray], list[list[np.ndarray]]]:
@@ -377,7 +255,7 @@ def _localise(diagnosis: Diagnosis, predictor: Predictor, found: Identification,
 
 
 def _propose(diagnosis: Diagnosis, search: Search, found: Identification) -> None:
-    rivals = [fit for fit, _ in _rivals(found)[:_COMPARED]]
+    rivals = [fit for fit, _ in rivals_of(found)[:_COMPARED]]
     if found.apart(found.healthy) < APART:
         rivals.append(found.healthy)
     best = proposal.propose(search.fitter, found, rivals)

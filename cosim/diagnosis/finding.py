@@ -16,7 +16,7 @@ BLOCK = 0.5  # s of a recording that stand together where errors before and afte
 # Probability that is left for what nobody thought of; and where it takes more than a pair of effects to explain what is
 # measured, or two that bend one curve: they are rarer than something else that they imitate together. Of 300 findings
 # in blind cases, none with three effects in it, eight took three, and in seven of these there was an effect outside the
-# catalogue. Shafts that are softer and have two stages were named together three times, and were not there.
+# catalogue. Shafts that are softer and have two stages were named together twice, and were not there.
 _SOMETHING_ELSE, _FOR_MANY, _PAIR = 0.03, 0.5, 2
 # The nearer a missing torque comes to being one, the likelier that is: right causes mostly leave less than 10 units of
 # log evidence for it, what imitates something else 10 to 500.

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from cosim.diagnosis.diagnose import MISSING, WITNESSES
 from cosim.diagnosis.fitting import Fitter
 from cosim.diagnosis.hidden import hide
 from cosim.diagnosis.localise import disturbances, goes_with
@@ -16,6 +15,7 @@ from cosim.diagnosis.plants.car import CHANNELS, PLACES, led_by
 from cosim.diagnosis.plants.hats import EVERY, MEMORY, comb, fast, hats, row, teeth
 from cosim.diagnosis.predict import WANDERS, Predictor, coordinates
 from cosim.diagnosis.torques import ENGINE_TORQUE
+from cosim.diagnosis.verdict import MISSING, WITNESSES
 from cosim.measured import Channel, load
 from driveline.plants.full_order import FullOrderPlant
 from driveline.quantities import InputError
