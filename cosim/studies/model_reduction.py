@@ -33,6 +33,7 @@ from cosim.studies.manoeuvre import (
 from cosim.studies.stand_in import MEASURED_FREQUENCY, measure
 from cosim.studies.traces import Trace, against_measured, in_engine_domain
 from driveline import vehicles
+from driveline.elements.driveline_parts import in_gear
 from driveline.kernels import network as k
 from driveline.plants.full_order import FullOrderParameters
 from driveline.plants.plant import Plant
@@ -206,7 +207,7 @@ def _hypotheses(findings: Findings, vehicle: Vehicle, tip_in: TipIn, full: Resul
 def _figures(out: Path, vehicle: Vehicle, results: Mapping[str, Result], mistaken: Result,
              tip_in: TipIn) -> list[str]:
     span = (tip_in.start - 0.2, min(tip_in.stop, tip_in.start + 2.0))
-    i = vehicle.values[f"transmission.ratio[{tip_in.gear + 2}]"]
+    i = vehicle.values[in_gear("ratio", tip_in.gear)]
     i_fdr = vehicle.values["final_drive.ratio"]
     full = Trace("FOM", "measured", results["FOM"], wheel_ratio=i * i_fdr)
     figures = []

@@ -41,6 +41,7 @@ from cosim.studies.estimator_findings import (
 )
 from cosim.studies.findings import THESIS, Findings
 from cosim.studies.manoeuvre import Crossing
+from driveline.elements.driveline_parts import in_gear
 
 SOURCE = f"{THESIS}, tables 3.3, 3.4"
 DRIVE = Drive()
@@ -158,7 +159,7 @@ def _figures(out: Path, plant: Result, found: Mapping[Reading, Estimates], truth
 def _states(plant: Result, estimates: Estimates, span: tuple[float, float], drive: Drive) -> list[Panel]:
     """The four panels of figure 3.3; wheel speed in the engine domain."""
     values = vehicle().values
-    ratio = values[f"transmission.ratio[{drive.gear + 2}]"] * values["final_drive.ratio"]
+    ratio = values[in_gear("ratio", drive.gear)] * values["final_drive.ratio"]
     return [
         Panel("(a) crankshaft torque", [Curve(plant.time, plant["crankshaft_torque"])], "torque [N.m]",
               x_range=span),

@@ -46,6 +46,11 @@ class Transmission(Shaft):
                                  f"transmission.ratio has {len(self.ratio)}")
 
 
+def in_gear(table: str, gear: int) -> str:
+    """The name of a gear's entry in a table of the transmission, as a vehicle's values have it."""
+    return f"transmission.{table}[{gear + 2}]"
+
+
 @dataclass(frozen=True)
 class TransferCase:
     """A four-wheel-drive transfer case carried along in two-wheel drive."""

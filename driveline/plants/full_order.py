@@ -24,6 +24,7 @@ from ..elements.driveline_parts import (
     Suspension,
     TransferCase,
     Transmission,
+    in_gear,
 )
 from ..elements.engine_torque import EngineTorque
 from ..elements.friction import Brake, LockupClutch
@@ -196,7 +197,7 @@ class FullOrderPlant(Plant):
         return {**vehicle.values, "gear": float(gear)}
 
     def _gear_exists(self, gear: int) -> bool:
-        name = f"transmission.ratio[{gear + 2}]"
+        name = in_gear("ratio", gear)
         return name in self.index and self.values[self.index[name]] != 0.0
 
     def assemble(self, p: FullOrderParameters) -> Network:

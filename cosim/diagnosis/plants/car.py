@@ -16,6 +16,7 @@ from cosim.diagnosis.plants.gaps import gaps, known
 from cosim.diagnosis.plants.ripple import beyond_samples, swing
 from cosim.diagnosis.plants.run import STEP, Nuisance, Run
 from cosim.measured import Manoeuvre, Measurement
+from driveline.elements.driveline_parts import in_gear
 from driveline.kernels import network as k
 from driveline.plants.assembly import Assembly, Term
 from driveline.plants.full_order import FullOrderParameters, FullOrderPlant, input_variable, output_variable
@@ -282,7 +283,7 @@ class FullOrderCar(InstrumentedPlant):
     def gears(self) -> dict[int, float]:
         """Ratio of every forward gear there is."""
         return {gear: ratio for gear in range(1, 11)
-                if (ratio := self.values.get(f"transmission.ratio[{gear + 2}]", 0.0)) > 0.0}
+                if (ratio := self.values.get(in_gear("ratio", gear), 0.0)) > 0.0}
 
     def gear_of(self, ratio: float) -> int:
         """The gear in which the turbine turns most nearly so many times as fast as the wheels."""
