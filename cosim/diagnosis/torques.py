@@ -33,8 +33,10 @@ _KNOTS = 7  # of a curve
 # what is in proportion to their twist, gears and shafts of a transmission give a little beside what is to their torque
 # or twist, and the propeller shaft is resisted as the file says but for some half a newton metre. Judgements; healthy
 # plants of the other structure have as much.
-BENDS = {("within the axle shafts", "twist"): 4.0, ("within the transmission", SHAFT_TORQUE): 5e-4,
-         ("within the transmission", "twist"): 5e-4, ("propeller shaft", SHAFT_TORQUE): 0.7}
+BENDS = {("within the axle shafts", "twist"): 4.0, ("within the axle shafts", ENGINE_TORQUE): 4.0,
+         ("within the transmission", SHAFT_TORQUE): 5e-4, ("within the transmission", "twist"): 5e-4,
+         ("propeller shaft", SHAFT_TORQUE): 0.7, ("propeller shaft", "twist"): 0.7,
+         ("propeller shaft", ENGINE_TORQUE): 0.7}
 
 
 def signals_of(predictor: Predictor, fit: Fit, r: int) -> dict[str, np.ndarray]:
