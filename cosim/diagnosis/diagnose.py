@@ -185,14 +185,15 @@ def _driveline(diagnosis: Diagnosis, car: FullOrderCar, out: Path | None, worker
             confirmed = {verdict.effect for verdict in verdicts if verdict.confirmed}
         diagnosis.identification = found
         say("whether something is missing beside what was found")
-        diagnosis.finding = finding_of(predictor, found, left_over(search.fitter, found), confirmed)
+        left = left_over(search.fitter, found)
+        shares = probabilities(declared, found, CATALOGUE, left)
+        diagnosis.finding = finding_of(predictor, found, left, shares, confirmed)
         if diagnosis.finding["verdict"] == "unknown":
             say("looking for the torque that is missing")
             _localise(diagnosis, predictor, found, found.best if confirmed else found.healthy)
         if diagnosis.finding["verdict"] == "ambiguous":
             say("looking for the manoeuvre that would tell the causes apart")
             _propose(diagnosis, search, found)
-    shares = probabilities(declared, found, CATALOGUE, diagnosis.finding["left_over"])
     diagnosis.suspects = [{"effect": name, "probability": share} for name, share in shares.items()]
     say("what a healthy car would have shown")
     floors, points = found.noise.floors, [as_found(predictor, found.best, point) for point in found.best.points]

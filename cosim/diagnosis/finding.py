@@ -114,13 +114,14 @@ def _changes(rows: Sequence[Gain]) -> np.ndarray:
 def doubts(finding: Mapping[str, Any]) -> list[str]:
     """What speaks against the causes of a finding, in words."""
     found, together = [], finding["together"]
-    if finding["verdict"] in ("cause", "ambiguous") and len(together) > _PAIR:
-        found.append(f"it takes {len(together)} effects together to explain what was measured: something else, that "
-                     "they imitate, is as likely")
-    elif finding["verdict"] in ("cause", "ambiguous") and bend_one_curve(
-            {name for cause in finding["causes"] if cause["effect"] in together for name in cause["parameters"]}):
-        found.append(f"{' and '.join(name.replace('_', ' ') for name in together)} bend one curve: something else that "
-                     "does, of another shape, is as likely")
+    if finding["verdict"] in ("cause", "ambiguous"):
+        parameters = {p for cause in finding["causes"] if cause["effect"] in together for p in cause["parameters"]}
+        if len(together) > _PAIR:
+            found.append(f"it takes {len(together)} effects together to explain what was measured: something else, "
+                         "that they imitate, is as likely")
+        elif bend_one_curve(parameters):
+            found.append(f"{' and '.join(name.replace('_', ' ') for name in together)} bend one curve: something else "
+                         "that does, of another shape, is as likely")
     over = finding.get("left_over")
     if over and finding["verdict"] != "unknown" and something_else(1, over["log_evidence"]) > _SAID:
         what = "that the named effects imitate" if together else "too small to be sure of"

@@ -30,9 +30,10 @@ LASTING, CONSTANT = "lasting", "constant"
 LASTS = 0.3  # s: how long a torque that lasts stays alike
 _KNOTS = 7  # of a curve
 # What healthy cars have of it, by place and variable, one sigma [unit of the place]: axle shafts carry a little beside
-# what is in proportion to their twist, gears and shafts of a transmission give a little beside what is to their torque
-# or twist, and the propeller shaft is resisted as the file says but for some half a newton metre. Judgements; healthy
-# plants of the other structure have as much.
+# what is in proportion to their twist, over that or the engine's torque; gears and shafts of a transmission give a
+# little beside what is to their torque or twist; and the propeller shaft is resisted as the file says but for some half
+# a newton metre, over what it carries, the twist behind it or the engine's torque. Judgements; healthy plants of the
+# other structure have as much.
 BENDS = {("within the axle shafts", "twist"): 4.0, ("within the axle shafts", ENGINE_TORQUE): 4.0,
          ("within the transmission", SHAFT_TORQUE): 5e-4, ("within the transmission", "twist"): 5e-4,
          ("propeller shaft", SHAFT_TORQUE): 0.7, ("propeller shaft", "twist"): 0.7,

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.detectable import would_show
 from cosim.diagnosis.evidence import Layout
 from cosim.diagnosis.finding import something_else
@@ -85,7 +84,7 @@ def is_strange(left: Mapping[str, Any]) -> bool:
     return left["excess"] > STRANGE or left["log_evidence"] > MISSING
 
 
-def finding_of(predictor: Predictor, found: Identification, left: dict[str, Any],
+def finding_of(predictor: Predictor, found: Identification, left: dict[str, Any], shares: Mapping[str, float],
                confirmed: Collection[str]) -> dict[str, Any]:
     """The finding as ``finding.json`` has it, but for what is asked only once there is a verdict.
 
@@ -93,11 +92,10 @@ def finding_of(predictor: Predictor, found: Identification, left: dict[str, Any]
         predictor: Of the runs.
         found: What the search ended with.
         left: What is left beside it, of ``left_over``.
+        shares: ``probabilities`` of all effects.
         confirmed: Effects that stretches which were not fitted confirm.
     """
-    best = found.best
-    shares = probabilities(predictor.coordinates, found, CATALOGUE, left)
-    rivals, causes = rivals_of(found), []
+    best, rivals, causes = found.best, rivals_of(found), []
     for effect in sorted(best.effects, key=lambda e: -shares[e]):
         causes.append({"effect": effect, "probability": shares[effect],
                        "parameters": _parameters(predictor, best, effect)})
