@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from cosim.diagnosis.finding import goes_with_words, joint_probability, missing
+from cosim.diagnosis.finding import balances, either, goes_with_words, joint_probability, missing
 from driveline.quantities import InputError
 
 LISTS = ("fmus", "scenarios", "studies", "vehicles", "effects")
@@ -297,7 +297,7 @@ def _summary(finding: dict[str, Any]) -> list[str]:
         lines.append(f"  {100 * cause['probability']:3.0f} % {cause['effect']}: {numbers}")
     if unknown := finding["unknown"]:
         what, unit = missing(unknown)
-        lines.append(f"  unknown: a {what} at the {unknown['balance']} of {unknown['size']:.3g} {unit}; "
+        lines.append(f"  unknown: a {what} at the {either(balances(unknown))} of {unknown['size']:.3g} {unit}; "
                      f"it goes with {goes_with_words(unknown)}")
     lines += [f"  cannot be told from {', '.join(rival['effects'])} ({rival['separation_sigma']:.1f} sigma)"
               for rival in finding["ambiguous_with"]]

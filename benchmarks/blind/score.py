@@ -27,7 +27,7 @@ from scipy.stats import binomtest, quantile_test
 
 from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.effect import EffectParameter
-from cosim.diagnosis.finding import joint_probability
+from cosim.diagnosis.finding import balances, joint_probability
 from cosim.diagnosis.fitting import EFFECT
 from cosim.diagnosis.hidden import VEHICLE
 
@@ -137,8 +137,19 @@ def right_unknown(result: Result) -> bool:
     """Whether an effect outside the catalogue is called unknown and placed at its balance."""
     if verdict(result) != "unknown" or not result["truth"]:
         return False
-    places = {about["balance"] for about in result["truth"]["outside"].values()}
-    return (result["finding"]["unknown"] or {}).get("balance") in places
+    return (result["finding"]["unknown"] or {}).get("balance") in _places(result)
+
+
+def unknown_in_set(result: Result) -> bool:
+    """Whether it is called unknown and its balance is among those where it may be."""
+    if verdict(result) != "unknown" or not result["truth"]:
+        return False
+    unknown = result["finding"]["unknown"]
+    return bool(unknown) and bool(_places(result) & set(balances(unknown)))
+
+
+def _places(result: Result) -> set[str]:
+    return {about["balance"] for about in result["truth"]["outside"].values()}
 
 
 def size_errors(result: Result) -> list[float]:
@@ -349,6 +360,10 @@ def score(results: Sequence[Result]) -> list[Row]:
         rate("an inertia is wrong", "stiffness named", map(stiffness_for_inertia, inertia), at_most(0.0)),
         rate("outside", "called unknown", (verdict(r) == "unknown" for r in outside)),
         rate("outside", "called unknown, at the right balance", map(right_unknown, outside), at_least(0.8)),
+        rate("outside", "called unknown, its balance among those stated", map(unknown_in_set, outside)),
+        mean("outside", "balances stated, where it is called unknown",
+             (len(balances(r["finding"]["unknown"])) for r in outside
+              if verdict(r) == "unknown" and r["finding"]["unknown"])),
         rate("outside, as large as the recordings show", "called unknown, at the right balance",
              (right_unknown(r) for r in outside if visible(r)), at_least(0.8)),
         rate("outside, smaller than the recordings show", "called none",

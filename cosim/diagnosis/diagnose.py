@@ -22,7 +22,7 @@ from cosim.diagnosis.confirm import FEWEST, Jury, words
 from cosim.diagnosis.finding import doubts, gained
 from cosim.diagnosis.fitting import Fit, as_found
 from cosim.diagnosis.identify import APART, Identification, Search
-from cosim.diagnosis.localise import disturbances, goes_with
+from cosim.diagnosis.localise import disturbances, goes_with, tied
 from cosim.diagnosis.noise import Noise
 from cosim.diagnosis.plants import FullOrderCar, InstrumentedPlant, RigidPlant, Run, plant_for
 from cosim.diagnosis.plants.car import PLACES
@@ -250,6 +250,7 @@ def _localise(diagnosis: Diagnosis, predictor: Predictor, found: Identification,
     variable, shape, _ = goes_with(first.table, first.follows)
     diagnosis.finding["unknown"] = {
         "balance": PLACES[first.place].balance, "place": first.place,
+        "balances": list(dict.fromkeys(PLACES[d.place].balance for d in tied(listed))),
         "driving_variable": variable, "shape": shape, "size": first.size, "unit": PLACES[first.place].unit,
         "log_evidence": {d.place: d.gain for d in listed}}
     diagnosis.disturbance = first.table

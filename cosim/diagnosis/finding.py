@@ -48,6 +48,16 @@ def missing(unknown: Mapping[str, Any]) -> tuple[str, str]:
     return _WHAT[unknown["unit"]], unknown["unit"]
 
 
+def balances(unknown: Mapping[str, Any]) -> list[str]:
+    """Where an unknown effect may be: the balance that is likeliest, and all that cannot be told from it."""
+    return unknown.get("balances") or [unknown["balance"]]
+
+
+def either(names: Sequence[str]) -> str:
+    """Alternatives in words: ``a, b or c``."""
+    return " or ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
+
+
 def goes_with_words(unknown: Mapping[str, Any]) -> str:
     """What the torque or force of an unknown effect goes with, in words."""
     variable = unknown["driving_variable"]

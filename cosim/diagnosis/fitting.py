@@ -203,6 +203,14 @@ class Fitter:
             seen.append(slopes.seen(noise.whiten(r, self.measured[r] - fit.predicted[r]), point))
         return Evidence(seen)
 
+    def changed(self, fit: Fit, noise: Noise, changes: Sequence[np.ndarray]) -> list[list[np.ndarray] | None]:
+        """What changes of the coordinates change in every run, whitened; None where that cannot be simulated."""
+        runs = range(len(fit.points))
+        shown = self.predictor.many([(fit.points[r] + change, r) for change in changes for r in runs])
+        found = [shown[k * len(runs):(k + 1) * len(runs)] for k in range(len(changes))]
+        return [None if any(y is None for y in all_runs) else
+                [noise.whiten(r, y - fit.predicted[r]) for r, y in enumerate(all_runs)] for all_runs in found]
+
     def run_cost(self, noise: Noise, run: int, predicted: np.ndarray | None, shared: np.ndarray,
                  point: np.ndarray) -> float:
         """A run's part of minus twice the log posterior density."""

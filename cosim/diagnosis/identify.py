@@ -14,6 +14,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -47,7 +48,7 @@ class Identification:
         healthy: The supposition without causes.
         noise: Under which they were compared.
         alike: Groups of causes that do the same in these recordings.
-        detectable: Smallest size of every cause that they would show, by its place among the coordinates.
+        detectable: Smallest sizes of every cause that they would show, by its place among the coordinates.
     """
 
     best: Fit
@@ -55,7 +56,7 @@ class Identification:
     healthy: Fit
     noise: Noise
     alike: list[tuple[str, ...]]
-    detectable: dict[int, float]
+    detectable: dict[int, tuple[float, float]]
 
     def shares(self) -> np.ndarray:
         """Of the suppositions in the evidence of all, which add up to 1."""
@@ -89,8 +90,7 @@ class Search:
         alike: Groups of causes that do the same; of each the first is looked for.
         causes: Which are looked for.
         challenge: Of whoever leads, by these.
-        scanned: Causes beside which every other was scanned.
-        cooled: Whether no cause was fitted from the vehicle file as those with causes are.
+        scanned: Causes beside which every other was scanned, and fitted by derivatives of its own.
     """
 
     file: Fit
@@ -106,7 +106,6 @@ class Search:
         self.scan = Scan(self.fitter)
         self.coordinates = predictor.coordinates
         self.scanned: set[tuple[str, ...]] = set()
-        self.cooled = False
 
     def run(self) -> Identification:
         """Whoever leads gets derivatives of its own and is challenged from there, until nobody takes the lead."""
@@ -116,8 +115,8 @@ class Search:
             if leader.causes and leader.causes not in self.scanned:  # by everything it is settled after that
                 leader = self.pool.settle(leader, everything=False)
                 self.pool.enter(self._afresh(leader, leader.causes))
-            elif not leader.causes and not self.cooled:
-                self.pool.enter(self._healthy())
+            elif not leader.causes and leader.causes not in self.scanned:
+                self.pool.enter(self._afresh(leader, leader.causes))
             elif not leader.settled:
                 self.pool.settle(leader)
             elif leader.causes != self.pool.judged:
@@ -128,7 +127,8 @@ class Search:
         self._put_around()
         leader, *others = self._likeliest([fit for fit in self.pool.worthy() if self.pool.plausible(fit)])
         noise = self.pool.noise
-        shown = detectable(self.fitter.seen(self.file, noise), self.coordinates, -EFFECT)
+        shown = detectable(self.fitter.seen(self.file, noise), self.coordinates, -EFFECT,
+                           partial(self.fitter.changed, self.file, noise))
         return Identification(leader, [leader, *others], self.pool.fits[()], noise, self.alike, shown)
 
     def part(self, fit: Fit, causes: tuple[str, ...]) -> Fit:
@@ -172,20 +172,15 @@ class Search:
         if causes in self.scanned:
             return []
         self.scanned.add(causes)
-        if not causes:  # no cause, and each alone, were fitted when the search began
+        if not causes:  # each alone was scanned when the search began
             opened = [self.fitter.assess(fit, self.pool.noise) for fit in self.opened]
-            return [*self._healthy(), *self._by_their_own(opened)]
+            return [self._from_file(self.file), *self._by_their_own(opened)]
         start = self._in_file(fit, causes)
         if start is None:
             return []
         scanned = self.scan.starts(start, self.causes, self.pool.noise)
         others = (self.pool.refined(other) for other in scanned)
         return [self._from_file(start), *self._by_their_own(scanned), *others]
-
-    def _healthy(self) -> list[Fit]:
-        """No cause, from the vehicle file as those with causes are, as soon as it is compared with these; once."""
-        first, self.cooled = not self.cooled, True
-        return [self._from_file(self.file)] if first else []
 
     def _by_their_own(self, starts: Iterable[Fit]) -> list[Fit]:
         """The best of some starts whose causes are not settled yet, fitted by derivatives taken there.

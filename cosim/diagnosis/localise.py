@@ -7,7 +7,7 @@ just lasts, with the one over which its picture is a curve.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,6 +15,7 @@ import numpy as np
 from cosim.diagnosis.evidence import Layout
 from cosim.diagnosis.finding import NOTHING
 from cosim.diagnosis.fitting import Fit
+from cosim.diagnosis.identify import APART, separation
 from cosim.diagnosis.noise import Noise
 from cosim.diagnosis.plants.car import PLACES
 from cosim.diagnosis.plants.hats import hats
@@ -39,6 +40,7 @@ _MIXED, _PIECES = 8, 9  # orders of a torque's pieces, which are as many a run
 _TURNS = 0.3  # share of its range by which a curve has to go back to turn
 _LEAST = 0.1  # share of its variance: what goes with less of it than that, it does not go with
 _OWN = 1.0  # log evidence by which a variable is preferred that a place has to do with: others may go with it exactly
+_ALIKE = 0.01  # share of the evidence, which is that of one linear step, within which places are not told apart
 _MORE = 5.0  # log evidence by which a torque that follows a variable has to be more evident than one that need not
 # Over these a torque may swing any number of times: orders of what turns, waves of the road.
 _PERIODIC = {"wheel angle": (2.0 * np.pi,), "distance": tuple(np.geomspace(4.0, 60.0, 40))}
@@ -114,6 +116,16 @@ def disturbances(predictor: Predictor, fit: Fit, noise: Noise, places: Collectio
         found.append(Disturbance(place, gains[place, best], alone, float(np.std(table["torque"])), table,
                                  "" if best == LASTING else best))
     return sorted(found, key=lambda d: -d.gain)
+
+
+def tied(found: Sequence[Disturbance]) -> list[Disturbance]:
+    """Of disturbances, the most evident first, those that cannot be told from the first, and that.
+
+    Behind a torque meter what is slow is the same on the propeller shaft, the axle, the wheels and, but for how its
+    tyres slip, the vehicle.
+    """
+    first = found[0]
+    return [d for d in found if separation(first.gain - d.gain) < APART or first.gain - d.gain < _ALIKE * first.gain]
 
 
 def _is_own(variable: str, place: str) -> bool:

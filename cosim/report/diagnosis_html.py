@@ -13,7 +13,7 @@ from markupsafe import Markup
 
 from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.features import WITH_RINGING, WITHOUT_PLACE
-from cosim.diagnosis.finding import goes_with_words, joint_probability, missing
+from cosim.diagnosis.finding import balances, either, goes_with_words, joint_probability, missing
 from cosim.measured import CANONICAL
 from cosim.report import svg
 
@@ -63,7 +63,7 @@ def _unknown(unknown: Mapping[str, Any] | None) -> dict[str, Any] | None:
         return None
     what, unit = missing(unknown)
     return {"place": unknown.get("place", unknown["balance"]), "what": what, "unit": _unit(unit),
-            "size": unknown["size"], "goes_with": goes_with_words(unknown)}
+            "others": balances(unknown)[1:], "size": unknown["size"], "goes_with": goes_with_words(unknown)}
 
 
 def _words(name: str) -> str:
@@ -111,21 +111,17 @@ def _headline(finding: Mapping[str, Any]) -> str:
         names = list(dict.fromkeys(
             [_words(c["effect"]) for c in causes]
             + [" with ".join(map(_words, rival["effects"])) for rival in finding["ambiguous_with"]]))
-        return f"{_either(names).capitalize()}: these recordings cannot tell which"
+        return f"{either(names).capitalize()}: these recordings cannot tell which"
     if verdict == "unknown":
         unknown = finding["unknown"]
         if not unknown:
             return "The simulation is wrong, and no known effect explains it"
-        also = (f"a {missing(unknown)[0]} at the {unknown['balance']} is missing that no known effect explains: it "
-                f"goes with {goes_with_words(unknown)}")
+        also = (f"a {missing(unknown)[0]} at the {either(balances(unknown))} is missing that no known effect explains: "
+                f"it goes with {goes_with_words(unknown)}")
         named = "; ".join(f"{_words(c['effect'])}: {_moved(c)}" for c in _named(finding))
         also = f"{named}; beside that {also}" if named else also
         return also[0].upper() + also[1:]
     return "Nothing is significantly wrong: what differs, tolerance and noise explain"
-
-
-def _either(names: Sequence[str]) -> str:
-    return " or ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
 def _about(finding: Mapping[str, Any]) -> list[str]:
@@ -305,7 +301,8 @@ def _place(diagnosis: Diagnosis) -> dict[str, Any] | None:
             marked.setdefault(effect.acts_on, []).append(_words(cause["effect"]))
         kinds.append(kind)
     if finding["verdict"] == "unknown" and finding.get("unknown"):
-        marked.setdefault(finding["unknown"]["balance"], []).append(f"missing {missing(finding['unknown'])[0]}")
+        for balance in balances(finding["unknown"]):
+            marked.setdefault(balance, []).append(f"missing {missing(finding['unknown'])[0]}")
         kinds.append("plant")
     if not kinds:
         return None
@@ -319,7 +316,7 @@ def _place(diagnosis: Diagnosis) -> dict[str, Any] | None:
     if len(places) == 1:
         where = places[0] + ("" if kinds[0] == "plant" else f"; the {what} itself is as its file says")
     elif finding["verdict"] == "ambiguous":
-        where = _either(places)
+        where = either(places)
     else:
         where = ", ".join(f"partly {place}" for place in places)
     return {"where": where, "places": ", ".join(marked), "svg": drawn}

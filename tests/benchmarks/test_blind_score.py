@@ -180,6 +180,17 @@ def test_a_case_is_judged_by_what_its_recordings_can_show(effect, name, size, se
     assert (("single, smaller than the recordings show", "called none") in found) is (seen is False)
 
 
+def test_an_unknown_effect_is_stated_where_its_place_is_among_those_that_cannot_be_told():
+    told = [{"balance": "axle", "balances": ["axle", "propeller shaft", "wheel"]},
+            {"balance": "propeller shaft", "balances": ["propeller shaft"]}, {"balance": "engine"}]
+    rows = score.score([result("outside", finding("unknown", unknown={"driving_variable": "time", **where}),
+                               outside=["warming_oil"]) for where in told])
+    found = {(row.cases, row.quantity): row.here for row in rows}
+    assert found["outside", "called unknown, at the right balance"] == pytest.approx(1 / 3)
+    assert found["outside", "called unknown, its balance among those stated"] == pytest.approx(2 / 3)
+    assert found["outside", "balances stated, where it is called unknown"] == pytest.approx(5 / 3)
+
+
 def test_an_effect_outside_the_catalogue_is_large_enough_where_a_healthy_car_lacks_evidence():
     seen, hardly, before = (result("outside", finding("none"), outside=["wavy_road"], **more) for more in (
         {"visibility": {"healthy": 9.0, "found": 8.0}}, {"visibility": {"healthy": 2.0, "found": 2.0}}, {}))

@@ -8,7 +8,7 @@ from scipy.interpolate import CubicSpline
 
 from cosim.diagnosis.fitting import Fitter
 from cosim.diagnosis.hidden import hide
-from cosim.diagnosis.localise import disturbances, goes_with
+from cosim.diagnosis.localise import Disturbance, disturbances, goes_with, tied
 from cosim.diagnosis.noise import wander
 from cosim.diagnosis.plants import STEP, FullOrderCar, Nuisance
 from cosim.diagnosis.plants.car import CHANNELS, PLACES, led_by
@@ -277,6 +277,23 @@ def test_a_torque_that_is_missing_elsewhere_shows_at_a_witness(car_and_run, plac
     push = 3.0 * PLACES[place].size * np.sin(2.0 * np.pi * 2.0 * run.time)
     (first, *others), _ = missing(car, run, car.pushed(car.values, run.free, Nuisance(), place, push), WITNESSES)
     assert first.gain > 2.0 * MISSING and {first.place, *(d.place for d in others)} == set(WITNESSES)
+
+
+def test_slow_torques_behind_the_meter_are_not_told_apart(car_and_run):
+    """Of a drag on the propeller shaft, on the axle or on the wheels its shaft bears the same."""
+    car, run = car_and_run
+    push = -10.0 * np.exp(-run.time / 4.0)
+    found, _ = missing(car, run, car.pushed(car.values, run.free, Nuisance(), "propeller shaft", push))
+    places = {d.place for d in tied(found)}
+    assert {"propeller shaft", "axle"} <= places and not {"engine", "transmission"} & places
+
+
+def test_places_are_told_apart_as_causes_are():
+    def places(*gains):
+        return len(tied([Disturbance("axle", gain, np.empty(0), 1.0, {}) for gain in gains]))
+
+    assert places(100.0, 92.0, 90.0) == 2 and places(-3.0, -4.0) == 2
+    assert places(2000.0, 1985.0, 1970.0) == 2  # of much evidence a hundredth is no difference
 
 
 def test_a_torque_that_follows_what_is_fast_is_found_as_a_curve(car_and_run):

@@ -233,7 +233,12 @@ def test_what_is_missing_is_shown_over_what_it_could_go_with(base, pages):
     given.finding["unknown"] |= {"balance": "vehicle", "unit": "N"}
     text = " ".join(words(render(given)).split())
     assert "A force at the vehicle is missing" in text and "size: 16 N;" in text
-    given.finding["unknown"] |= {"balance": "transmission", "unit": "rad", "size": 0.01}
+    given.finding["unknown"] |= {"balances": ["vehicle", "wheel", "axle"]}
+    page = render(given)
+    text = " ".join(words(page).split())
+    assert "A force at the vehicle, wheel or axle is missing" in text
+    assert "(or wheel, axle: these recordings cannot tell which)" in text and page.count(">missing force<") == 3
+    given.finding["unknown"] |= {"balance": "transmission", "balances": ["transmission"], "unit": "rad", "size": 0.01}
     text = " ".join(words(render(given)).split())
     assert "A twist at the transmission is missing" in text and "size: 0.01 rad;" in text
 

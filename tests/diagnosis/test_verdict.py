@@ -32,5 +32,5 @@ def test_what_is_left_counts_in_probabilities_until_it_is_called_unknown():
     fit = SimpleNamespace(effects=("converter_slip",), causes=("converter_slip",))
     found = SimpleNamespace(alternatives=[fit], shares=lambda: np.ones(1))
     told = [probabilities([], found, ["converter_slip"], {"excess": 0.0, "log_evidence": x})["converter_slip"]
-            for x in (2.0, 0.7 * MISSING, 1.1 * MISSING)]
+            for x in (2.0, 0.85 * MISSING, 1.1 * MISSING)]
     assert told[0] == told[2] > 0.95 and told[1] < 0.6
