@@ -380,6 +380,9 @@ def score(results: Sequence[Result]) -> list[Row]:
                (g for r in both if (g := gain_share(r)) is not None), at_least(0.9), percent=False),
         rate("single and pair", "called ambiguous", (verdict(r) == "ambiguous" for r in both)),
         rate("ambiguous", "resolved by the proposed manoeuvre", map(_resolved, ambiguous), at_least(0.9)),
+        mean("ambiguous", "the same, as it was said to be likely",
+             (proposed["chance"] for r in ambiguous
+              if "chance" in (proposed := r["finding"].get("next_manoeuvre") or {}))),
         *_cocktail(of.get("cocktail", [])),
         rate("all", "probabilities that sum to more than 1",
              (sum(c["probability"] for c in r["finding"]["causes"]) > 1.0 + 1e-6 for r in results if r["finding"]),

@@ -264,7 +264,7 @@ def _propose(diagnosis: Diagnosis, search: Search, found: Identification) -> Non
     if best is not None:
         diagnosis.finding["next_manoeuvre"] = {
             "kind": best.kind, "gear": best.gear, "back": best.back, "separation_sigma": best.separation_sigma,
-            "why": proposal.words(best)}
+            "chance": best.chance, "why": proposal.words(best, found.best)}
 
 
 def _write_vehicle(diagnosis: Diagnosis, values: dict[str, float], out: Path) -> dict[str, float]:

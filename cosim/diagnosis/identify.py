@@ -26,6 +26,7 @@ from cosim.diagnosis.fitting import EFFECT, Fit, Fitter, as_found
 from cosim.diagnosis.noise import Noise
 from cosim.diagnosis.pool import REFITTED, Pool
 from cosim.diagnosis.predict import Predictor
+from cosim.diagnosis.reach import around, twins
 from cosim.diagnosis.scan import Scan, best_of_each, key, renamed
 
 log = logging.getLogger("cosim")
@@ -33,7 +34,6 @@ log = logging.getLogger("cosim")
 APART = 3.0  # sigma: rivals closer than this cannot be told from the best
 _AFRESH = 2  # suppositions that are fitted by derivatives of their own where a search begins anew
 _TEMPER = 2.0  # of differences in evidence: a plant of another structure errs by some units
-_NARROWEST, _WIDTHS = 0.04, 9  # of what does the same where it is wide enough: shares of its limit that are tried
 _TURNS = 30  # steps of the search, at most; some three a cause
 
 
@@ -255,43 +255,15 @@ class Search:
                 twin.score, twin.hope = score, hope
 
     def _put_around(self) -> None:
-        """In place of a cause of the leader what is the same in these recordings, but would not be in livelier ones.
-
-        A shaft with two stages is a stiffer one as long as its second is not reached. Derivatives at the vehicle file
-        do not say so, as stages have no width there, and fits from a width that is too small do not get to it.
-        """
+        """In place of a cause of the leader what is the same in these recordings, but would not be in livelier ones."""
         leader = self.pool.worthy()[0]
-        suspected = [(i, c) for i, c in enumerate(self.coordinates) if c.cause]
-        wider = [(gone, place) for place, c in suspected for gone, other in suspected
-                 if c.parameter.same_as == other.name
-                 and other.cause in leader.causes and c.cause not in leader.causes]
-        for gone, place in wider:
-            starts = self._around(leader, gone, place)
+        for gone, place in twins(self.coordinates, leader):
+            starts = around(self.fitter, self.pool.noise, leader, gone, place)
             if starts:
                 best = max(starts, key=lambda fit: fit.score)
                 wide = self.pool.brought_near(self.fitter.relinearise(best, everything=False))
                 wide.hope = min(wide.hope, wide.score)  # by derivatives no width would be as good as that
                 self.pool.enter([wide])
-
-    def _around(self, fit: Fit, gone: int, place: int) -> list[Fit]:
-        """A coordinate's size given to another that is the same where its cause's others are large; for some of these.
-
-        Args:
-            fit: Which has it.
-            gone, place: Whose size, and whose it becomes.
-        """
-        c, starts = self.coordinates[place], []
-        others = [i for i in self.predictor.index(c.cause) if i != place]
-        causes = key((*fit.without(self.coordinates[gone].cause), c.cause))
-        for share in np.geomspace(_NARROWEST, 1.0, _WIDTHS):
-            points = [x.copy() for x in (fit.shared, *fit.points)]
-            for x in points:
-                x[place], x[gone] = np.clip(x[gone], c.low, c.high), 0.0
-                x[others] = [share * self.coordinates[i].high for i in others]
-            start = self.fitter.placed(fit, causes, points[0], points[1:])
-            if start is not None:
-                starts.append(self.fitter.assess(start, self.pool.noise))
-        return starts
 
     def _swaps(self, fit: Fit) -> list[tuple[str, str]]:
         return [(gone, other) for group in self.alike for gone in group if gone in fit.causes
@@ -313,4 +285,9 @@ class Search:
 
 def separation(lead: float) -> float:
     """A lead in log evidence as a distance [sigma]."""
-    return float(np.sqrt(2.0 * max(lead, 0.0) / _TEMPER))
+    return max(float(signed(lead)), 0.0)
+
+
+def signed(lead: np.ndarray | float) -> np.ndarray:
+    """Leads as distances [sigma], negative behind."""
+    return np.sign(lead) * np.sqrt(2.0 * np.abs(lead) / _TEMPER)
