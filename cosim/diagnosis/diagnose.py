@@ -19,10 +19,10 @@ from cosim.diagnosis import extend, plausible, proposal
 from cosim.diagnosis.bench import diagnose_bench
 from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.confirm import FEWEST, Jury, words
-from cosim.diagnosis.finding import doubts, gained
+from cosim.diagnosis.finding import believed, doubts, gained
 from cosim.diagnosis.fitting import Fit, as_found
 from cosim.diagnosis.identify import APART, Identification, Search
-from cosim.diagnosis.localise import disturbances, goes_with, tied
+from cosim.diagnosis.localise import disturbances, each_its_own, goes_with, tied
 from cosim.diagnosis.noise import Noise
 from cosim.diagnosis.plants import FullOrderCar, InstrumentedPlant, RigidPlant, Run, plant_for
 from cosim.diagnosis.plants.car import PLACES
@@ -161,7 +161,7 @@ def _bench(diagnosis: Diagnosis, car: RigidPlant, out: Path | None, say: Callabl
     diagnosis.finding = {"extension": None, **found.finding}
     diagnosis.traces, diagnosis.notices = found.traces, [*diagnosis.notices, *found.notices]
     diagnosis.suspects = [{"effect": name, "probability": share} for name, share in found.probabilities.items()]
-    if out is not None and diagnosis.finding["causes"]:
+    if out is not None and diagnosis.finding["causes"] and believed(diagnosis.finding):
         _write_vehicle(diagnosis, found.values, out)
 
 
@@ -206,7 +206,7 @@ def _driveline(diagnosis: Diagnosis, car: FullOrderCar, out: Path | None, worker
     for run, before, then in zip(runs, nominal, after):
         for name, place in run.slices.items():
             diagnosis.traces[(run.name, name)] = (run.clocks[name], run.measured[name], before[place], then[place])
-    if found.best.causes:
+    if found.best.causes and believed(diagnosis.finding):
         _extend(diagnosis, predictor, found, out, build, say)
 
 
@@ -251,7 +251,8 @@ def _localise(diagnosis: Diagnosis, predictor: Predictor, found: Identification,
     diagnosis.finding["unknown"] = {
         "balance": PLACES[first.place].balance, "place": first.place,
         "balances": list(dict.fromkeys(PLACES[d.place].balance for d in tied(listed))),
-        "driving_variable": variable, "shape": shape, "size": first.size, "unit": PLACES[first.place].unit,
+        "driving_variable": variable, "shape": shape, "each_its_own": each_its_own(first.follows),
+        "size": first.size, "unit": PLACES[first.place].unit,
         "log_evidence": {d.place: d.gain for d in listed}}
     diagnosis.disturbance = first.table
 

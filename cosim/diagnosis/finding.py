@@ -43,6 +43,11 @@ def joint_probability(finding: Mapping[str, Any], effects: Collection[str]) -> f
     return sum(cause["probability"] for cause in finding["causes"] if cause["effect"] in effects)
 
 
+def believed(finding: Mapping[str, Any]) -> bool:
+    """Whether what explains it together is meant: beside something unknown it mostly only imitates that."""
+    return finding["verdict"] != "unknown" or joint_probability(finding, finding["together"]) >= 0.5
+
+
 def missing(unknown: Mapping[str, Any]) -> tuple[str, str]:
     """What an unknown effect is, a torque, a force or a twist, and its unit."""
     return _WHAT[unknown["unit"]], unknown["unit"]

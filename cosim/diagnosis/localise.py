@@ -142,7 +142,7 @@ def goes_with(table: Mapping[str, np.ndarray], follows: str = "") -> tuple[str, 
     in another order, which goes with nothing.
     """
     if follows:
-        return follows, _shape(table[follows], table["torque"], follows), 1.0
+        return follows, _shapes(table, follows), 1.0
     random = np.random.default_rng(1)
     torque, weight = table["torque"], 1.0 / table["std"] ** 2
     runs = [np.flatnonzero(table["run"] == r) for r in np.unique(table["run"])]
@@ -198,6 +198,19 @@ def _predicted(torque: np.ndarray, weight: np.ndarray, curve: np.ndarray, run: n
             explained += float(np.sum(w[~rest] * (t[~rest] - c[~rest] @ level) ** 2))
             total += float(np.sum(w[~rest] * (t[~rest] - mean) ** 2))
     return 1.0 - explained / total if total else 0.0
+
+
+def each_its_own(follows: str) -> bool:
+    """Whether a torque that follows a variable does so in every recording in a way of its own."""
+    return bool(follows) and not HEIGHTS[follows][1] and follows not in _PERIODIC
+
+
+def _shapes(table: Mapping[str, np.ndarray], follows: str) -> str:
+    """The curve in words; the curves, where every recording has its own."""
+    runs = np.unique(table["run"]) if each_its_own(follows) else [None]
+    inside = [slice(None) if run is None else table["run"] == run for run in runs]
+    found = list(dict.fromkeys(_shape(table[follows][part], table["torque"][part], follows) for part in inside))
+    return found[0] if len(found) == 1 else f"in each recording its own way: {'; '.join(found)}"
 
 
 def _shape(values: np.ndarray, torque: np.ndarray, name: str) -> str:

@@ -13,7 +13,7 @@ from markupsafe import Markup
 
 from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.features import WITH_RINGING, WITHOUT_PLACE
-from cosim.diagnosis.finding import balances, either, goes_with_words, joint_probability, missing
+from cosim.diagnosis.finding import balances, believed, either, goes_with_words, joint_probability, missing
 from cosim.measured import CANONICAL
 from cosim.report import svg
 
@@ -30,6 +30,7 @@ _SENSORS = {"engine_speed": "engine", "turbine_speed": "transmission", "vehicle_
             "engine_torque": "engine", "road_grade": "vehicle", "brake_torque": "wheel"}
 _HEADS = {"cause": "Cause found", "ambiguous": "Several causes possible", "unknown": "Unknown cause",
           "none": "Nothing wrong"}
+_OVER = 4  # pictures of what is missing
 _SAME, _CLOSE = 2.0, 3.0  # sigma: below, causes cannot be told apart, or hardly
 # Of what a missing torque may go with.
 _UNITS = {"speed": "m/s", "shaft torque": "N.m", "engine torque": "N.m", "twist": "rad", "wheel angle": "rad",
@@ -52,7 +53,8 @@ def render(diagnosis: Diagnosis) -> str:
         causes=[_cause(c, finding) for c in _likely(finding) or finding["causes"][:1]],
         place=_place(diagnosis), rivals=_rivals(finding),
         next=finding["next_manoeuvre"], unknown=_unknown(finding["unknown"]),
-        disturbances=_disturbances(finding["unknown"], getattr(diagnosis, "disturbance", {})),
+        disturbances=_disturbances(finding["unknown"], getattr(diagnosis, "disturbance", {}),
+                                   [run.name for run in diagnosis.runs]),
         gain=_gain(finding["gain"]), extension=finding["extension"], notices=diagnosis.notices,
         seconds=diagnosis.seconds, **_detectable(finding.get("would_show", ())))
 
@@ -141,10 +143,7 @@ def _named(finding: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """
     if finding["verdict"] == "ambiguous":
         return _likely(finding)
-    together = finding["together"]
-    if finding["verdict"] == "unknown" and joint_probability(finding, together) < 0.5:
-        return []
-    return [c for c in finding["causes"] if c["effect"] in together]
+    return [c for c in finding["causes"] if c["effect"] in finding["together"]] if believed(finding) else []
 
 
 def _summary(cause: Mapping[str, Any]) -> str:
@@ -367,22 +366,27 @@ def _gain(gain: Mapping[str, Any] | None) -> dict[str, Any] | None:
             "estimators": gain.get("estimators") or []}
 
 
-def _disturbances(unknown: Mapping[str, Any] | None, table: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """What is missing over what it could go with; the variable it does go with first."""
+def _disturbances(unknown: Mapping[str, Any] | None, table: Mapping[str, Any],
+                  runs: Sequence[str]) -> list[dict[str, Any]]:
+    """What is missing over what it could go with; the variable it does go with first, run by run if each differs."""
     if not unknown or not table:
         return []
     torque = np.asarray(table["torque"])
     own = unknown["driving_variable"]
     variables = [name for name, values in table.items()
                  if name not in ("torque", "std", "run") and np.shape(values) == torque.shape and np.ptp(values) > 0.0]
+    wanted = [(name, "") for name in sorted(variables, key=lambda name: name != own)]
+    if unknown.get("each_its_own"):
+        wanted = [(own, run) for run in runs] + wanted[1:]
     pictures = []
-    for name in sorted(variables, key=lambda name: name != own)[:4]:
-        values = np.asarray(table[name])
+    for name, run in wanted[:max(_OVER, len(runs))]:
+        inside = np.asarray(table["run"]) == runs.index(run) if run else np.ones(torque.size, dtype=bool)
+        values = np.asarray(table[name])[inside]
         if name.endswith("angle"):
             values = values % (2.0 * np.pi)
         below = f"{_words(name)} [{_unit(_UNITS[name])}]" if name in _UNITS else _words(name)
-        pictures.append({"name": _words(name), "first": name == own, "svg": Markup(
-            svg.scatter(values, torque, below, f"what is missing over {_words(name)}"))})
+        pictures.append({"name": _words(name), "run": run, "first": name == own, "svg": Markup(
+            svg.scatter(values, torque[inside], below, f"what is missing over {_words(name)} {run}".strip()))})
     return pictures
 
 

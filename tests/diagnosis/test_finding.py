@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from cosim.diagnosis.finding import BLOCK, Gain, doubts, gained, something_else
+from cosim.diagnosis.finding import BLOCK, Gain, believed, doubts, gained, something_else
 from cosim.diagnosis.regression import remaining
 
 CLOCK = np.arange(0.0, 7.0, 0.01)
@@ -83,6 +83,13 @@ def test_the_more_evident_a_missing_torque_the_likelier_is_something_else():
     [doubt] = doubts(finding(lacking=22.0, together=(), verdict="none"))
     assert "too small to be sure of" in doubt
     assert not doubts(finding(lacking=9.0)) and not doubts(finding(lacking=50.0, verdict="unknown"))
+
+
+@pytest.mark.parametrize(("verdict", "probability", "meant"), [
+    ("cause", 0.4, True), ("unknown", 0.09, False), ("unknown", 0.97, True)])
+def test_what_is_named_beside_something_unknown_is_meant_only_if_it_is_likely(verdict, probability, meant):
+    assert believed({"verdict": verdict, "together": ["a", "b"], "causes": [
+        {"effect": "a", "probability": 0.5 * probability}, {"effect": "b", "probability": 0.5 * probability}]}) is meant
 
 
 def test_many_effects_at_once_are_as_likely_something_else_that_they_imitate():

@@ -8,7 +8,7 @@ from scipy.interpolate import CubicSpline
 
 from cosim.diagnosis.fitting import Fitter
 from cosim.diagnosis.hidden import hide
-from cosim.diagnosis.localise import Disturbance, disturbances, goes_with, tied
+from cosim.diagnosis.localise import Disturbance, disturbances, each_its_own, goes_with, tied
 from cosim.diagnosis.noise import wander
 from cosim.diagnosis.plants import STEP, FullOrderCar, Nuisance
 from cosim.diagnosis.plants.car import CHANNELS, PLACES, led_by
@@ -360,3 +360,13 @@ def test_what_a_torque_goes_with():
     assert variable == "distance" and "14 m" in shape and share > 0.9
     for torque in (random.standard_normal(n), np.cumsum(random.standard_normal(n))):
         assert goes_with({**table, "torque": torque}) == ("nothing", "no shape", 0.0)
+
+
+def test_what_goes_its_own_way_in_each_recording_is_told_so():
+    """Over the engine's torque; over the twist it is one curve in all of them."""
+    x, run = np.tile(np.linspace(-20.0, 200.0, 50), 2), np.repeat([0.0, 1.0], 50)
+    table = {ENGINE_TORQUE: x, "twist": x, "torque": np.where(run > 0.0, -x, x), "std": np.ones(100), "run": run}
+    assert goes_with(table, ENGINE_TORQUE)[1] == "in each recording its own way: rises, evenly; falls, evenly"
+    assert goes_with({**table, "torque": x}, ENGINE_TORQUE)[1] == "rises, evenly"
+    assert ";" not in goes_with(table, "twist")[1]
+    assert [each_its_own(name) for name in (ENGINE_TORQUE, "twist", "wheel angle", "")] == [True, False, False, False]

@@ -243,6 +243,16 @@ def test_what_is_missing_is_shown_over_what_it_could_go_with(base, pages):
     assert "A twist at the transmission is missing" in text and "size: 0.01 rad;" in text
 
 
+def test_what_goes_its_own_way_in_each_recording_is_shown_recording_by_recording(base):
+    given = diagnosis(base, "unknown")
+    given.finding["unknown"]["each_its_own"] = True
+    given.disturbance["run"] = np.repeat(np.arange(len(given.runs)), 350)[:700].astype(float)
+    page = render(given)
+    titles = re.findall(r'aria-label="what is missing over ([^"]*)"', page)
+    assert titles == [*(f"speed {run.name}" for run in given.runs), "time", "twist"]
+    assert f"with which it goes, in {given.runs[0].name}" in " ".join(words(page).split())
+
+
 def test_a_value_beyond_what_is_plausible_is_marked(base):
     given = diagnosis(base, "cause")
     parameter = given.finding["causes"][0]["parameters"]["axle_shaft_stiffness"]
