@@ -16,9 +16,11 @@ from cosim.diagnosis.evidence import Evidence, prior
 from cosim.diagnosis.predict import Coordinate
 
 Simulate = Callable[[Sequence[np.ndarray]], Sequence[list[np.ndarray] | None]]
+_SIDES = (-1.0, 1.0)  # smaller, larger
 _TURNS = 8  # simulations of a size that is not enough yet
 _STEP = (1.05, 1.5)  # by which it is enlarged, at least and at most
 _ENOUGH = 0.95  # share of what is needed that counts as that
+
 
 def detectable(evidence: Evidence, coordinates: Sequence[Coordinate], needed: float,
                simulate: Simulate) -> dict[int, tuple[float, float]]:
@@ -35,8 +37,8 @@ def detectable(evidence: Evidence, coordinates: Sequence[Coordinate], needed: fl
 
     Returns:
         By the place of its first coordinate: distances from 0 of what is searched, downwards and upwards; for a swing
-        its amplitude in all runs, twice. Infinite where the runs do not show it while it is plausible. Without causes
-        that do nothing while they are small: derivatives do not say when these show.
+        its amplitude in all runs. Infinite where the runs do not show it while it is plausible. Without causes that do
+        nothing while they are small: derivatives do not say when these show.
     """
     healthy, units = prior(coordinates, ()), _units(coordinates)
     trials = []
@@ -45,28 +47,25 @@ def detectable(evidence: Evidence, coordinates: Sequence[Coordinate], needed: fl
         apart, imitated = (evidence.separation(unit, spread) ** 2 for spread in (healthy, wide))
         price = evidence.occam(wide) - evidence.occam(healthy)
         size = float(np.sqrt(2.0 * (needed + price) / (apart - imitated))) if apart > imitated else np.inf
-        trials += [_Trial(i, side, size, imitated, price) for side in ((1.0,) if coordinates[i].phase else (-1.0, 1.0))]
+        trials += [_Trial(i, side, size, imitated, price) for side in _SIDES]
     sizes: dict[tuple[int, float], float] = {}
     for _ in range(_TURNS):
         trials = [trial for trial in trials if _plausible(coordinates[trial.place], trial.change)]
         shown = simulate([trial.change * units[trial.place] for trial in trials])
         for trial, changes in zip(trials, shown):
-            told = -np.inf
-            if changes:
-                own = Evidence([seen.slopes.seen(z, np.zeros(healthy.size)) for seen, z in zip(evidence.seen, changes)])
-                told = 0.5 * (own.posterior(healthy).least - trial.imitated * trial.size**2) - trial.price
+            told = _lead(evidence, healthy, trial, changes) if changes else -np.inf
             if told > _ENOUGH * needed:
                 sizes[trial.place, trial.side] = trial.size
             larger = np.sqrt((needed + trial.price) / max(told + trial.price, 1e-9))
             trial.size *= float(np.clip(larger, *_STEP))
         trials = [trial for trial in trials if (trial.place, trial.side) not in sizes]
-    return {i: tuple(sizes.get((i, 1.0 if coordinates[i].phase else side), np.inf) for side in (-1.0, 1.0))
-            for i in units}
+    return {i: tuple(sizes.get((i, side), np.inf) for side in _SIDES) for i in units}
 
 
 @dataclass
 class _Trial:
-    """A size that may be enough: of which coordinate, which way; and what a wide prior leaves of 1, and costs."""
+    """A size that may be enough: of which coordinate and which way; and for its cause what is left of the squared
+    distance of a change by 1, and what its wide prior costs."""
 
     place: int
     side: float
@@ -78,6 +77,12 @@ class _Trial:
     def change(self) -> float:
         """Of the coordinate."""
         return self.side * self.size
+
+
+def _lead(evidence: Evidence, healthy: np.ndarray, trial: _Trial, changes: Sequence[np.ndarray]) -> float:
+    """Log evidence for a trial's cause over the healthy car, of data that show just these changes."""
+    shown = Evidence([seen.slopes.seen(z, np.zeros(healthy.size)) for seen, z in zip(evidence.seen, changes)])
+    return 0.5 * (shown.posterior(healthy).least - trial.imitated * trial.size**2) - trial.price
 
 
 def _units(coordinates: Sequence[Coordinate]) -> dict[int, np.ndarray]:
