@@ -150,3 +150,12 @@ def test_two_stages_are_told_from_soft_shafts_only_where_they_are_twisted_beyond
         behind[gear] = proposal._unseen(fitter.predictor, noise, run, soft, wide)
     assert all(np.isinf(gone[:2]).all() for gone in behind.values())
     assert behind[3][2] > APART > behind[6][2] >= behind[10][2]
+
+
+@pytest.mark.parametrize(("grip", "top", "expected"), [
+    (1.0, 10, [3, 5, 10]), (3.0, 10, [2, 3, 5, 10]), (1.0, 4, [3, 4])])
+def test_candidates_are_driven_in_gears_there_are_and_that_tyres_carry(healthy, grip, top, expected):
+    car = healthy[0].predictor.car
+    values = car.values | {"tyre.friction_coefficient": grip}
+    other = SimpleNamespace(values=values, gears={gear: x for gear, x in car.gears.items() if gear <= top})
+    assert proposal._drivable(other, (2, 3, 5, proposal.TOP), 220.0) == expected
