@@ -29,6 +29,7 @@ from cosim.diagnosis.torques import (
     SHAFT_TORQUE,
     Healthy,
     Torque,
+    knots_of,
     pieces,
     signals_of,
     slopes_of,
@@ -67,7 +68,8 @@ class Disturbance:
     follows: str = ""
 
 
-def disturbances(predictor: Predictor, fit: Fit, noise: Noise, places: Collection[str] = PLACES) -> list[Disturbance]:
+def disturbances(predictor: Predictor, fit: Fit, noise: Noise, places: Collection[str] = PLACES,
+                 loaded: bool = False) -> list[Disturbance]:
     """The torque missing at some places beside a fitted supposition, the most evident first.
 
     Args:
@@ -75,6 +77,8 @@ def disturbances(predictor: Predictor, fit: Fit, noise: Noise, places: Collectio
         fit: What is known to be wrong.
         noise: Of the channels.
         places: Of ``PLACES``.
+        loaded: Whether healthy shafts may be bent by more the more they carry. That says whether a torque is missing;
+            where it is, it hides.
     """
     runs, layout = predictor.runs, Layout(predictor.coordinates, len(predictor.runs))
     # as large as a sum of squares has it: what wanders is alike from sample to sample, and no torque that is missing;
@@ -86,7 +90,8 @@ def disturbances(predictor: Predictor, fit: Fit, noise: Noise, places: Collectio
              for place in dict.fromkeys((*places, *(place for place, _ in BENDS)))
              for name, slopes in slopes_of(predictor, fit, place, followed).items()}
     healthy = [Healthy(layout, r, fit, (run.stacked - fit.predicted[r]) / scale, scale,
-                       [size * moved[which][r] for which, size in BENDS.items()])
+                       [(size + loaded * more * knots_of(name, signals) ** 2) * moved[place, name][r]
+                        for (place, name), (size, more) in BENDS.items()])
                for r, (run, scale) in enumerate(zip(runs, scales))]
     supposed = {(place, name): Torque(healthy, slopes, *HEIGHTS[name])
                 for (place, name), slopes in moved.items() if place in places}

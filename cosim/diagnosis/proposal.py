@@ -35,8 +35,8 @@ _PROFILES = {
     "coast_down": ((TOP,), 120.0, ((0.0, -0.1), (7.0, -0.1))),
 }
 _ENGINE_SPEED = 150.0  # rad/s at the start
-# Of what the driven tyres can carry, at most. Nearer to that tyres differ by more than what is looked for: with a half,
-# a healthy plant of another structure lacked 461 units of log evidence; with 0.36 and 0.32 it lacked 24 and 5.
+# Of what the driven tyres can carry, at most. Nearer to that tyres differ by more than what is looked for: with a half
+# a healthy plant of another structure left three times as much as it should, with 0.36 and 0.32 what it should.
 _GRIP = 0.4
 _UNSURE = 2.0  # sigma by which what was promised of a dozen blind cases and what came of it differed
 

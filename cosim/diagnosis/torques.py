@@ -29,15 +29,16 @@ QUICK = ("wheel angle", ENGINE_TORQUE, *FOLLOWED)
 LASTING, CONSTANT = "lasting", "constant"
 LASTS = 0.3  # s: how long a torque that lasts stays alike
 _KNOTS = 7  # of a curve
-# What healthy cars have of it, by place and variable, one sigma [unit of the place]: axle shafts carry a little beside
-# what is in proportion to their twist, over that or the engine's torque; gears and shafts of a transmission give a
-# little beside what is to their torque or twist; and the propeller shaft is resisted as the file says but for some half
-# a newton metre, over what it carries, the twist behind it or the engine's torque. Judgements; healthy plants of the
-# other structure have as much.
-BENDS = {("within the axle shafts", "twist"): 4.0, ("within the axle shafts", ENGINE_TORQUE): 4.0,
-         ("within the transmission", SHAFT_TORQUE): 5e-4, ("within the transmission", "twist"): 5e-4,
-         ("propeller shaft", SHAFT_TORQUE): 0.7, ("propeller shaft", "twist"): 0.7,
-         ("propeller shaft", ENGINE_TORQUE): 0.7}
+# What healthy cars have of it, by place and variable, one sigma: so much [unit of the place], and so much more for
+# the square of the variable at 1. Axle shafts and the tyres behind them carry a little beside what is in proportion
+# to their twist, over the engine's torque or that; more the nearer tyres are to their grip. Gears and shafts of a
+# transmission give a little beside what is to their torque or twist. And the propeller shaft is resisted as the file
+# says but for some half a newton metre, over what it carries, the twist behind it or the engine's torque. Judgements;
+# healthy plants of the other structure have as much.
+BENDS = {("within the axle shafts", "twist"): (4.0, 1500.0), ("within the axle shafts", ENGINE_TORQUE): (4.0, 0.0),
+         ("within the transmission", SHAFT_TORQUE): (5e-4, 0.0), ("within the transmission", "twist"): (5e-4, 0.0),
+         ("propeller shaft", SHAFT_TORQUE): (0.7, 0.0), ("propeller shaft", "twist"): (0.7, 0.0),
+         ("propeller shaft", ENGINE_TORQUE): (0.7, 0.0)}
 
 
 def signals_of(predictor: Predictor, fit: Fit, r: int) -> dict[str, np.ndarray]:
@@ -77,9 +78,13 @@ def pieces(name: str, values: Mapping[str, np.ndarray], signals: Sequence[Mappin
     x = values[name]
     if name == "wheel angle":
         return np.column_stack([np.cos(x), np.sin(x)])
-    low, high = np.quantile(np.concatenate([s[name] for s in signals]), (0.005, 0.995))
-    knots = np.linspace(low, high, _KNOTS)
+    knots = knots_of(name, signals)
     return np.column_stack([np.interp(x, knots, heights) for heights in np.eye(_KNOTS)])
+
+
+def knots_of(name: str, signals: Sequence[Mapping[str, np.ndarray]]) -> np.ndarray:
+    """Where a curve over a variable has its knots."""
+    return np.linspace(*np.quantile(np.concatenate([s[name] for s in signals]), (0.005, 0.995)), _KNOTS)
 
 
 def slopes_of(predictor: Predictor, fit: Fit, place: str,
