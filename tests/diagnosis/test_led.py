@@ -257,6 +257,15 @@ def missing(car, run, raw, places=PLACES, loaded=False):
         return disturbances(predictor, fitter.renewed(fitter.refine(fit, noise, 5), noise), noise, places, loaded), led
 
 
+def bent(car, run, torque):
+    """A car whose axle shafts carry a further torque, a function of their twist, which depends on it."""
+    raw = car.raw(car.values, run.free)
+    for _ in range(8):
+        twist = raw["axle_shaft_torque"] / (2.0 * car.values["axle_shaft.stiffness"])
+        raw = car.pushed(car.values, run.free, Nuisance(), "within the axle shafts", torque(twist))
+    return raw
+
+
 @pytest.mark.parametrize("place", ["vehicle", "propeller shaft", "within the axle shafts", "within the transmission"])
 def test_a_torque_nobody_knew_of_is_found_where_it_acts(car_and_run, place):
     car, run = car_and_run
@@ -299,10 +308,7 @@ def test_places_are_told_apart_as_causes_are():
 def test_a_torque_that_follows_what_is_fast_is_found_as_a_curve(car_and_run):
     """Shuffle is too fast for hats."""
     car, run = car_and_run
-    raw = car.raw(car.values, run.free)
-    for _ in range(8):  # the twist depends on the torque
-        twist = raw["axle_shaft_torque"] / (2.0 * car.values["axle_shaft.stiffness"])
-        raw = car.pushed(car.values, run.free, Nuisance(), "within the axle shafts", 100.0 * (twist / 0.04) ** 3)
+    raw = bent(car, run, lambda twist: 100.0 * (twist / 0.04) ** 3)
     (first, *_), _ = missing(car, run, raw)
     assert (first.place, first.follows) == ("within the axle shafts", "twist")
     true = 100.0 * (first.table["twist"] / 0.04) ** 3
@@ -328,10 +334,7 @@ def test_a_housing_that_turns_by_the_torque_of_the_engine_is_found_at_the_gears(
 def test_shafts_that_are_a_little_bent_are_healthy(car_and_run, size, is_there):
     """Those of a plant of another structure are, and in a pulse train that is evident: a null was `unknown`."""
     car, run = car_and_run
-    raw = car.raw(car.values, run.free)
-    for _ in range(8):
-        twist = raw["axle_shaft_torque"] / (2.0 * car.values["axle_shaft.stiffness"])
-        raw = car.pushed(car.values, run.free, Nuisance(), "within the axle shafts", size * np.tanh(twist / 0.005))
+    raw = bent(car, run, lambda twist: size * np.tanh(twist / 0.005))
     found, _ = missing(car, run, raw, WITNESSES)
     assert (max(d.gain for d in found) > MISSING) is is_there
 
@@ -339,10 +342,7 @@ def test_shafts_that_are_a_little_bent_are_healthy(car_and_run, size, is_there):
 def test_shafts_are_healthy_if_they_are_bent_by_more_the_more_they_carry(car_and_run):
     """As tyres behind them slip, in low gears: a null in third lacked 24 units."""
     car, run = car_and_run
-    raw = car.raw(car.values, run.free)
-    for _ in range(8):
-        twist = raw["axle_shaft_torque"] / (2.0 * car.values["axle_shaft.stiffness"])
-        raw = car.pushed(car.values, run.free, Nuisance(), "within the axle shafts", -4e4 * twist * np.abs(twist))
+    raw = bent(car, run, lambda twist: -4e4 * twist * np.abs(twist))
     alike, loaded = (max(d.gain for d in missing(car, run, raw, WITNESSES, of)[0]) for of in (False, True))
     assert alike > 10.0 and loaded < 0.6 * alike, (alike, loaded)
 
