@@ -135,21 +135,22 @@ def stiffness_for_inertia(result: Result) -> bool:
 
 def right_unknown(result: Result) -> bool:
     """Whether an effect outside the catalogue is called unknown and placed at its balance."""
-    if verdict(result) != "unknown" or not result["truth"]:
-        return False
-    return (result["finding"]["unknown"] or {}).get("balance") in _places(result)
+    return bool(_places(result) & set(told_places(result)[:1]))
 
 
 def unknown_in_set(result: Result) -> bool:
     """Whether it is called unknown and its balance is among those where it may be."""
-    if verdict(result) != "unknown" or not result["truth"]:
-        return False
-    unknown = result["finding"]["unknown"]
-    return bool(unknown) and bool(_places(result) & set(balances(unknown)))
+    return bool(_places(result) & set(told_places(result)))
+
+
+def told_places(result: Result) -> list[str]:
+    """Balances at which something unknown may be, the likeliest first; none unless it is called so."""
+    unknown = result["finding"]["unknown"] if verdict(result) == "unknown" else None
+    return balances(unknown) if unknown else []
 
 
 def _places(result: Result) -> set[str]:
-    return {about["balance"] for about in result["truth"]["outside"].values()}
+    return {about["balance"] for about in result["truth"]["outside"].values()} if result["truth"] else set()
 
 
 def size_errors(result: Result) -> list[float]:
@@ -362,8 +363,7 @@ def score(results: Sequence[Result]) -> list[Row]:
         rate("outside", "called unknown, at the right balance", map(right_unknown, outside), at_least(0.8)),
         rate("outside", "called unknown, its balance among those stated", map(unknown_in_set, outside)),
         mean("outside", "balances stated, where it is called unknown",
-             (len(balances(r["finding"]["unknown"])) for r in outside
-              if verdict(r) == "unknown" and r["finding"]["unknown"])),
+             (n for r in outside if (n := len(told_places(r))))),
         rate("outside, as large as the recordings show", "called unknown, at the right balance",
              (right_unknown(r) for r in outside if visible(r)), at_least(0.8)),
         rate("outside, smaller than the recordings show", "called none",

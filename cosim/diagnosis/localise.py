@@ -89,9 +89,10 @@ def disturbances(predictor: Predictor, fit: Fit, noise: Noise, places: Collectio
     moved = {(place, name): [h / scale[:, None] for h, scale in zip(slopes, scales)]
              for place in dict.fromkeys((*places, *(place for place, _ in BENDS)))
              for name, slopes in slopes_of(predictor, fit, place, followed).items()}
+    bends = {(place, name): size + loaded * more * knots_of(name, signals) ** 2
+             for (place, name), (size, more) in BENDS.items()}
     healthy = [Healthy(layout, r, fit, (run.stacked - fit.predicted[r]) / scale, scale,
-                       [(size + loaded * more * knots_of(name, signals) ** 2) * moved[place, name][r]
-                        for (place, name), (size, more) in BENDS.items()])
+                       [sizes * moved[which][r] for which, sizes in bends.items()])
                for r, (run, scale) in enumerate(zip(runs, scales))]
     supposed = {(place, name): Torque(healthy, slopes, *HEIGHTS[name])
                 for (place, name), slopes in moved.items() if place in places}
