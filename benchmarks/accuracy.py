@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from driveline.kernels import network as k
+from driveline.kernels import layout as k
 from driveline.plants.full_order import FullOrderPlant
 from driveline.vehicles import load
 

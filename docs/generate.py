@@ -31,7 +31,7 @@ from cosim.report.study_figures import Curve, Panel, draw
 from cosim.studies.manoeuvre import TipIn, drive
 from cosim.studies.manoeuvre import parameters as parameters_of
 from driveline import vehicles
-from driveline.kernels import network as k
+from driveline.kernels import layout as k
 from driveline.models import MODELS, SHIPPED_GEAR, SHIPPED_VARIANT, SHIPPED_VEHICLE
 from driveline.plants.plant import Plant
 from driveline.quantities import Variable

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from driveline.kernels import network as k
+from driveline.kernels import layout as k
 from driveline.models import MODELS
 from driveline.plants.assembly import Assembly, Network, Term
 from driveline.plants.full_order import Solver, input_variable, output_variable

@@ -34,7 +34,7 @@ from cosim.studies.stand_in import MEASURED_FREQUENCY, measure
 from cosim.studies.traces import Trace, against_measured, in_engine_domain
 from driveline import vehicles
 from driveline.elements.driveline_parts import in_gear
-from driveline.kernels import network as k
+from driveline.kernels import layout as k
 from driveline.plants.full_order import FullOrderParameters
 from driveline.plants.plant import Plant
 from driveline.quantities import from_values, parameter_variables

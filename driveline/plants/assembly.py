@@ -2,7 +2,8 @@
 
 A plant is written down as nodes (inertias), branches (elements between them), lags, and outputs as
 sums of what the network holds. A number that depends on the gear is given as ``ByGear``. Nothing
-here is physics; the laws are in ``elements`` and the time stepping in ``kernels.network``.
+here is physics or time stepping: laws are in ``elements``, stepping in ``kernels.stepping``, and
+``kernels.layout`` says what lies where.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import numpy as np
 from ..elements.slip_control import SlipControl
 from ..elements.torque_ripple import TorqueRipple
 from ..elements.two_stage_stiffness import FirstStage
-from ..kernels import network as k
+from ..kernels import layout as k
 from ..quantities import InputError
 from ..sensors.can_signal import CanSignal, can_signal_parameters, can_signal_state, jitter_table
 from ..sensors.torque_meter import TorqueMeter, filter_sections
@@ -411,10 +412,8 @@ class Assembly:
             parts.append(part)
             size += part.size
 
-        work = np.zeros(k.work_size(n_nodes, n_branches, n, k.SIGNALS_HEAD + len(self.inputs),
-                                    len(active), len(names)))
         return Network(
-            np.concatenate(parts), np.array(constants), state, work,
+            np.concatenate(parts), np.array(constants), state, np.zeros(k.work_size(plan)),
             {name: i for i, name in enumerate(self.nodes)},
             {name: i for i, name in enumerate(self.branches)},
             tuple(names), self.inputs, tuple(entries), twists, levels, tuple(channels), self.sections)

@@ -17,7 +17,7 @@ from ..elements.asymmetric_friction import DirectionalDrag
 from ..elements.coulomb_drag import CoulombDrag
 from ..elements.motor import LinearDrive, Motor
 from ..elements.shaft import Shaft
-from ..kernels import network as k
+from ..kernels import layout as k
 from ..quantities import from_values, parameter_variables, quantity
 from .assembly import GROUND, Assembly, Network, Term
 from .full_order import Solver, input_variable, output_variable

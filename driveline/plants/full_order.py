@@ -34,7 +34,7 @@ from ..elements.slip_control import SlipControl
 from ..elements.torque_ripple import TorqueRipple
 from ..elements.two_stage_stiffness import FirstStage
 from ..elements.tyre import Tyre
-from ..kernels import network as k
+from ..kernels import layout as k
 from ..quantities import InputError, Variable, from_values, parameter_variables, quantity
 from ..sensors.can_signal import CanSignal, CanVehicleSpeed
 from ..sensors.torque_meter import TorqueMeter

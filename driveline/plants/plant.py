@@ -8,8 +8,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..kernel_model import KernelModel
+from ..kernels import layout as k
 from ..kernels import native
-from ..kernels import network as k
+from ..kernels.network import apply_gear
 from ..quantities import InputError
 from ..sensors.can_signal import can_signal_state
 from ..sensors.torque_meter import steady_state
@@ -182,7 +183,7 @@ class Plant(KernelModel):
         constants = net.constants.copy()
         if net.plan[k.GEARS]:
             gear = int(self.state[net.plan[k.STATE_CLOCK] + k.GEAR])
-            k.apply_gear(net.plan, constants, net.constants, gear)
+            apply_gear(net.plan, constants, net.constants, gear)
         matrix = np.zeros((len(net.branches), len(net.nodes)))
         for b, row in enumerate(self._branch_rows()):
             p = row[k.PARAMETER]

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..elements.road_load import GRAVITY
-from ..kernels import network as k
+from ..kernels import layout as k
 from ..quantities import InputError, from_values, parameter_variables, quantity
 from .assembly import GROUND, Assembly, Network, Term
 from .full_order import (

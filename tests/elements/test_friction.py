@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from runs import Bench, events, ledger, run, steps
 
 from driveline.elements.road_load import GRAVITY
-from driveline.kernels import network as k
+from driveline.kernels import layout as k
 from driveline.plants.assembly import GROUND
 
 J1, J2, CAPACITY = 0.25, 1.4, 30.0

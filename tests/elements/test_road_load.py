@@ -5,7 +5,7 @@ import pytest
 from runs import Bench, ledger, run
 
 from driveline.elements.road_load import GRAVITY, aerodynamic_force
-from driveline.kernels import network as k
+from driveline.kernels import layout as k
 
 
 @pytest.mark.parametrize("speed", [40.0, -40.0])

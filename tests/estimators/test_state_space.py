@@ -18,7 +18,7 @@ from driveline.estimators.state_space import (
     scaled,
     twists,
 )
-from driveline.kernels import network as k
+from driveline.kernels import layout as k
 from driveline.plants.full_order import FullOrderParameters
 from driveline.plants.reduced import ThreeMassPlant, reduce
 from driveline.quantities import InputError, from_values, parameter_variables

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from runs import PLANTS, REDUCED, Bench, events, input_rows, ledger, plant, run, steps, turnover
 
 from driveline.elements.road_load import GRAVITY
-from driveline.kernels import network as k
+from driveline.kernels import layout as k
 from driveline.quantities import InputError
 
 EVERY_PLANT = pytest.mark.parametrize("name", PLANTS)

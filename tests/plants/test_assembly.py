@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from runs import PLANTS, Bench, plant
 
-from driveline.kernels import network as k
+from driveline.kernels import layout as k
 from driveline.plants.assembly import GROUND, Assembly, ByGear
 from driveline.quantities import InputError
 

@@ -5,7 +5,7 @@ import pytest
 from runs import events, ledger, plant, run, start_values, steps, turnover
 
 from driveline.elements.road_load import GRAVITY
-from driveline.kernels import network as k
+from driveline.kernels import layout as k
 from driveline.plants.full_order import FullOrderPlant
 
 GEARS = range(1, 11)

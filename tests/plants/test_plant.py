@@ -6,7 +6,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from runs import PLANTS, REDUCED, events, input_rows, ledger, plant, run, start_values, steps, turnover
 
-from driveline.kernels import network as k
+from driveline.kernels import layout as k
 from driveline.models import MODELS
 from driveline.quantities import InputError
 

@@ -17,7 +17,7 @@ from cosim.diagnosis.plants.ripple import beyond_samples, swing
 from cosim.diagnosis.plants.run import STEP, Nuisance, Run
 from cosim.measured import Manoeuvre, Measurement
 from driveline.elements.driveline_parts import in_gear
-from driveline.kernels import network as k
+from driveline.kernels import layout as k
 from driveline.plants.assembly import Assembly, Term
 from driveline.plants.full_order import FullOrderParameters, FullOrderPlant, input_variable, output_variable
 from driveline.quantities import InputError

@@ -25,7 +25,7 @@ from cosim.diagnosis.observation import Errors, observe
 from cosim.diagnosis.plants.base import SHORTEST, InstrumentedPlant, compared
 from cosim.diagnosis.plants.run import STEP, Run
 from cosim.measured import Channel, Manoeuvre, Measurement
-from driveline.kernels import network as k
+from driveline.kernels import layout as k
 from driveline.quantities import InputError
 
 LONGEST = 10.0  # s: stretches into which a recording is cut

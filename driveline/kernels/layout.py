@@ -1,0 +1,96 @@
+"""Where everything of a network lies in its flat arrays, and the numbers that stand for laws and outputs.
+
+`plan` (integers) is the structure: a header with counts and with where each table starts, then the
+tables. `constants` are the numbers, `state` is all that changes in a run (complete to the bit),
+`work` scratch in which the active numbers and the state of the moment lie during a call.
+"""
+
+from __future__ import annotations
+
+from .backend import kernel
+
+# Laws of a branch, and what its parameters are (after ratio_a and ratio_b).
+SHAFT = 0      # stiffness, damping
+LASH = 1       # stiffness, damping, half_gap, how fast a signal turns one side against the other
+FRICTION = 2   # capacity (times a signal and a lag state), static_ratio, drag, base capacity (times cos grade),
+               # drag moving backward beyond that moving forward
+CONVERTER = 3  # tables
+CONTACT = 4    # slip stiffness / relaxation length, relaxation length, deflection limit, radius
+LOSS = 5       # constant, viscous, fraction, excess of the fraction on coast; reference branch
+AERO = 6       # half density times drag area
+ENGINE = 7     # gain, offset, noise, friction 0, 1, accessories, maximum, idle speed, gain, lag
+SOURCE = 8     # gain; torque = gain * signal
+REACTION = 9   # gain; torque = gain * torque of the reference branch, which does not feel it
+TWO_STAGE = 10 # stiffness, damping, ratio of the first stage, its twist
+RIPPLE = 11    # amplitude, order, phase; reference: place of the angle
+SLIPPING = 12  # as FRICTION, then torque, target and reset time of the control that holds its slip
+LEADING = 13   # gain; torque = gain * (rate - signal), as far as the signal of its reference says
+DRY = (FRICTION, SLIPPING)  # what may stick
+
+# Columns of a branch in `plan`.
+LAW, NODE_A, NODE_B, TWIST, PARAMETER, SIGNAL, REFERENCE, MODE = range(8)
+BRANCH_COLUMNS = 8
+
+# Header of `plan`: counts, then where each table starts in `plan`, `constants`, `state` or `work`.
+(NODES, BRANCHES, CONTINUOUS, LAGS, INTEGRALS, TERMS, OUTPUTS, GEAR_ROWS, INPUTS, CHANNELS,
+ SECTIONS, ACTIVE_SIZE, GEARS,
+ BRANCH_TABLE, LAG_TABLE, INTEGRAL_TABLE, TERM_TABLE, GEAR_TABLE, CHANNEL_TABLE,
+ INERTIA, GEAR_VALUES, CHANNEL_VALUES, SECTION_VALUES,
+ STATE_MODES, STATE_CLOCK, STATE_QUEUE, STATE_SECTIONS, STATE_CHANNELS,
+ GEAR_INPUT, DELAYED_INPUT, GRADE_INPUT, FILTERED_OUTPUT, SHIFT_LAG, GEARSET_NODE, GEARSET_BRANCH,
+ FILTER_TARGET, SEED, SWITCHES, SWITCH_TABLE,
+ ) = range(39)
+HEADER = 39
+
+# Columns of a CAN channel in `plan`: the output it samples, the output it shows, its place in
+# `state`, its parameters and its jitter table in `constants`.
+CHANNEL_COLUMNS = 5
+
+# Single constants, at the start of `constants` (and of the active copy).
+DELAY, SUBSTEP, NOISE_PERIOD, TICK, METER_GAIN, METER_OFFSET, METER_ON = range(7)
+CONSTANTS_HEAD = 8
+
+# Signals known in every plant; the inputs follow.
+ONE, COS_GRADE, SIN_GRADE, DELAYED, NOISE, IN_GEAR, RUNS = range(7)
+SIGNALS_HEAD = 7
+
+# Clock part of the state.
+GEAR, QUEUE_FIRST, QUEUE_COUNT, METER_HELD, EVENTS = range(5)
+CLOCK_SIZE = 5
+QUEUE_SIZE = 1024
+
+# What a term of an output reads.
+(SPEED, TORQUE, LASH_ANGLE, CONTACT_MODE, ACCELERATION, LEVEL, STORED) = range(7)
+
+# Branches that may stick at the same time.
+MOST_STUCK = 8
+NONE_STUCK = -1.0  # in place of a branch's number
+
+OK, NOT_FINITE, TOO_MANY_EVENTS, QUEUE_FULL = range(4)
+
+NONE_DRAWN = 1 << 62  # in place of a noise value's number
+TIME_TOLERANCE = 1e-9  # [s]; clock instants closer than this are the same
+
+
+@kernel
+def work_places(plan):
+    """Where each part of `work` starts: signals, the state and its rates, both again for a step that is tried, a
+    stage of it, torques of all branches at either end, modes, outputs, the equations of what sticks.
+
+    The active copy of `constants` comes first.
+    """
+    n = plan[CONTINUOUS]
+    branches = plan[BRANCHES]
+    signal = plan[ACTIVE_SIZE]
+    y = signal + SIGNALS_HEAD + plan[INPUTS]
+    torque = y + 5 * n
+    modes = torque + 2 * branches
+    observed = modes + branches
+    return (signal, y, y + n, y + 2 * n, y + 3 * n, y + 4 * n, torque, torque + branches, modes, observed,
+            observed + plan[OUTPUTS])
+
+
+def work_size(plan):
+    """Length of `work`."""
+    *_, matrix = work_places(plan)
+    return matrix + MOST_STUCK * (MOST_STUCK + 3)
