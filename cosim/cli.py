@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from cosim.diagnosis.finding import balances, either, goes_with_words, joint_probability, missing
+from cosim.diagnosis.judge.finding import balances, either, goes_with_words, joint_probability, missing
 from driveline.quantities import InputError
 
 LISTS = ("fmus", "scenarios", "studies", "vehicles", "effects")

@@ -9,7 +9,7 @@ import pytest
 # a process a core runs them, so linear algebra has one each; before anything imports numpy
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
-sys.path.insert(0, str(Path(__file__).parent))  # runs.py, drives.py and vibration.py, for several
+sys.path.insert(0, str(Path(__file__).parent))  # runs.py, drives.py ... for several
 
 
 @pytest.fixture(scope="session")

@@ -14,6 +14,12 @@ import pytest
 ROOT = Path(__file__).parents[1]
 ALLOWED = {"driveline": {"numpy"}, "fmus": {"driveline"}, "cosim": {"driveline"}}
 OURS = set(ALLOWED) | {"tests", "benchmarks", "build_fmus"}
+# Rooms of the diagnosis from the ground up; `show` and `hidden` know what is below them, not what is beside.
+DIAGNOSIS = {"effect": (), "effects": ("effect",), "catalogue": ("effect", "effects"), "plants": ("effect",),
+             "fit": ("effect", "catalogue", "plants"), "search": ("fit",),
+             "judge": ("effect", "catalogue", "plants", "fit", "search"), "show": ("plants",),
+             "gain": ("plants", "show", "judge"), "benches": ("effect", "catalogue", "plants", "fit", "judge"),
+             "hidden": ("effect", "catalogue")}
 
 
 @dataclass(frozen=True)
@@ -83,6 +89,19 @@ def test_a_package_imports_only_what_is_below_it(package):
             continue
         build_command = one.where.startswith("cosim/cli.py") and one.package == "fmus" and not one.at_load
         assert one.package in ALLOWED[package] or build_command, f"{one.where} imports {one.package}"
+
+
+def test_a_room_of_the_diagnosis_imports_only_what_is_below_it():
+    folder = ROOT / "cosim" / "diagnosis"
+    rooms = {path.stem for path in folder.iterdir() if path.suffix == ".py" or (path / "__init__.py").exists()}
+    assert rooms == {*DIAGNOSIS, "diagnose", "__init__"}
+    for room, below in DIAGNOSIS.items():
+        paths = [folder / f"{room}.py"] if (folder / f"{room}.py").exists() else sorted((folder / room).glob("*.py"))
+        for path in paths:
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("cosim.diagnosis"):
+                    reached = (node.module.split(".")[2:] or [node.names[0].name])[0]
+                    assert reached in (room, *below), f"{path.relative_to(ROOT)}:{node.lineno} imports {reached}"
 
 
 def test_only_the_report_draws():

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from cosim.diagnosis.effect import factor
-from cosim.diagnosis.identify import Search
+from cosim.diagnosis.fit.predict import Coordinate, Predictor
 from cosim.diagnosis.plants import Run
-from cosim.diagnosis.predict import Coordinate, Predictor
+from cosim.diagnosis.search.identify import Search
 
 CLOCK = np.arange(0.0, 6.0, 0.02)
 NOISE, RUNS, DETECTION = 0.05, 2, 0.1

@@ -31,8 +31,8 @@ from benchmarks.blind import run as blind
 from benchmarks.blind import score
 from benchmarks.blind.cases import BlindCase
 from cosim.diagnosis.catalogue import CATALOGUE
+from cosim.diagnosis.fit.predict import RUN_NUISANCES, Predictor, coordinates
 from cosim.diagnosis.plants import FullOrderCar, Run
-from cosim.diagnosis.predict import RUN_NUISANCES, Predictor, coordinates
 from cosim.measured import load
 from cosim.studies.sweep import Case
 from driveline.quantities import InputError

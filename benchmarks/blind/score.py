@@ -27,9 +27,9 @@ from scipy.stats import binomtest, quantile_test
 
 from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.effect import EffectParameter
-from cosim.diagnosis.finding import balances, joint_probability
-from cosim.diagnosis.fitting import EFFECT
+from cosim.diagnosis.fit.fitting import EFFECT
 from cosim.diagnosis.hidden import VEHICLE
+from cosim.diagnosis.judge.finding import balances, joint_probability
 
 Result = Mapping[str, Any]
 SURE = 0.8

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from cosim.diagnosis.fitting import Fit, Fitter
+from cosim.diagnosis.fit.fitting import Fit, Fitter
+from cosim.diagnosis.fit.predict import Predictor, coordinates
 from cosim.diagnosis.plants import Run
-from cosim.diagnosis.predict import Predictor, coordinates
 
 
 def visibility(diagnosis: Any, without: Iterable[Run]) -> dict[str, float]:

@@ -15,22 +15,23 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from cosim.diagnosis import extend, plausible, proposal
-from cosim.diagnosis.bench import diagnose_bench
+from cosim.diagnosis.benches.bench import diagnose_bench
 from cosim.diagnosis.catalogue import CATALOGUE
-from cosim.diagnosis.confirm import FEWEST, Jury, words
-from cosim.diagnosis.finding import believed, doubts, gained
-from cosim.diagnosis.fitting import Fit, as_found
-from cosim.diagnosis.identify import APART, Identification, Search
-from cosim.diagnosis.localise import disturbances, each_its_own, goes_with, tied
-from cosim.diagnosis.noise import Noise
-from cosim.diagnosis.plants import FullOrderCar, InstrumentedPlant, RigidPlant, Run, plant_for
+from cosim.diagnosis.fit.fitting import Fit, as_found
+from cosim.diagnosis.fit.noise import Noise
+from cosim.diagnosis.fit.predict import Predictor, coordinates
+from cosim.diagnosis.gain import extend
+from cosim.diagnosis.gain.profit import profit
+from cosim.diagnosis.judge import proposal
+from cosim.diagnosis.judge.confirm import FEWEST, Jury, words
+from cosim.diagnosis.judge.finding import believed, doubts, gained
+from cosim.diagnosis.judge.localise import disturbances, each_its_own, goes_with, tied
+from cosim.diagnosis.judge.road import on_its_road
+from cosim.diagnosis.judge.verdict import finding_of, left_over, probabilities, rivals_of
+from cosim.diagnosis.plants import FullOrderCar, InstrumentedPlant, RigidPlant, Run, plant_for, plausible
 from cosim.diagnosis.plants.car import PLACES
-from cosim.diagnosis.predict import Predictor, coordinates
-from cosim.diagnosis.profit import profit
-from cosim.diagnosis.residuals import wrong
-from cosim.diagnosis.road import on_its_road
-from cosim.diagnosis.verdict import finding_of, left_over, probabilities, rivals_of
+from cosim.diagnosis.search.identify import APART, Identification, Search
+from cosim.diagnosis.show.residuals import wrong
 from cosim.files import write_text
 from cosim.measured import Measurement, load
 

@@ -12,8 +12,8 @@ import numpy as np
 from markupsafe import Markup
 
 from cosim.diagnosis.catalogue import CATALOGUE
-from cosim.diagnosis.features import WITH_RINGING, WITHOUT_PLACE
-from cosim.diagnosis.finding import balances, believed, either, goes_with_words, joint_probability, missing
+from cosim.diagnosis.judge.finding import balances, believed, either, goes_with_words, joint_probability, missing
+from cosim.diagnosis.show.features import WITH_RINGING, WITHOUT_PLACE
 from cosim.measured import CANONICAL
 from cosim.report import svg
 

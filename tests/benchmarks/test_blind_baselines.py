@@ -5,9 +5,9 @@ import pytest
 from benchmarks.blind import baselines, score
 from benchmarks.blind import run as blind
 from benchmarks.blind.cases import BlindCase
+from cosim.diagnosis.fit.predict import Predictor, coordinates
 from cosim.diagnosis.hidden import hide
 from cosim.diagnosis.plants import FullOrderCar
-from cosim.diagnosis.predict import Predictor, coordinates
 from cosim.measured import load
 
 FEW = ("engine_inertia", "torque_meter_offset", "engine_speed_delay")

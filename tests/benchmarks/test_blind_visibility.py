@@ -5,10 +5,10 @@ from types import SimpleNamespace
 import pytest
 
 from benchmarks.blind.visibility import visibility
-from cosim.diagnosis.fitting import Fitter
+from cosim.diagnosis.fit.fitting import Fitter
+from cosim.diagnosis.fit.predict import Predictor, coordinates
 from cosim.diagnosis.hidden import hide
 from cosim.diagnosis.plants import plant_for
-from cosim.diagnosis.predict import Predictor, coordinates
 from cosim.measured import load
 
 

@@ -13,8 +13,8 @@ from cosim import cli
 from cosim.diagnosis import effects
 from cosim.diagnosis.catalogue import CATALOGUE, apply, apply_all, effect
 from cosim.diagnosis.hidden import drawn
-from cosim.diagnosis.observation import DEFAULTS, Errors
 from cosim.diagnosis.plants import FullOrderCar
+from cosim.diagnosis.plants.observation import DEFAULTS, Errors
 from driveline.quantities import InputError
 
 NAMES = """vehicle_mass rolling_resistance aerodynamic_drag road_grade engine_inertia wheel_inertia shaft_stiffness

@@ -13,7 +13,7 @@ from matplotlib.image import imread
 
 from cosim.diagnosis.hidden import hide
 from cosim.diagnosis.plants import FullOrderCar, Nuisance
-from cosim.diagnosis.residuals import wrong
+from cosim.diagnosis.show.residuals import wrong
 from cosim.measured import load
 from cosim.report import svg
 from cosim.report.diagnosis_html import render

@@ -7,9 +7,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from cosim.diagnosis.observation import observe
 from cosim.diagnosis.plants.gaps import filled
 from cosim.diagnosis.plants.hats import row
+from cosim.diagnosis.plants.observation import observe
 from cosim.diagnosis.plants.run import NONE, STEP, Nuisance, Run
 from cosim.measured import Manoeuvre, Measurement
 from driveline import vehicles

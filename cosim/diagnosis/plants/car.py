@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from cosim.diagnosis.observation import Errors
 from cosim.diagnosis.plants.base import SHORTEST, InstrumentedPlant, compared
 from cosim.diagnosis.plants.gaps import gaps, known
+from cosim.diagnosis.plants.observation import Errors
 from cosim.diagnosis.plants.ripple import beyond_samples, swing
 from cosim.diagnosis.plants.run import STEP, Nuisance, Run
 from cosim.measured import Manoeuvre, Measurement

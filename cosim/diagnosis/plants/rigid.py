@@ -21,8 +21,8 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfiltfilt
 
-from cosim.diagnosis.observation import Errors, observe
 from cosim.diagnosis.plants.base import SHORTEST, InstrumentedPlant, compared
+from cosim.diagnosis.plants.observation import Errors, observe
 from cosim.diagnosis.plants.run import STEP, Run
 from cosim.measured import Channel, Manoeuvre, Measurement
 from driveline.kernels import layout as k

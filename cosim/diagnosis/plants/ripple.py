@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from cosim.diagnosis.observation import Errors
+from cosim.diagnosis.plants.observation import Errors
 from cosim.diagnosis.plants.run import STEP
 from driveline.plants.plant import Plant
 

@@ -1,0 +1,1 @@
+"""Plants whose motion was measured are not simulated: which effects their inverse dynamics lack."""

@@ -1,0 +1,1 @@
+"""The extended vehicle file and FMU, and what they gain."""

@@ -1,0 +1,239 @@
+"""Where a torque is missing that no effect of the catalogue explains, and what it goes with.
+
+At each place in turn, on a balance or within a shaft, a disturbance torque is supposed, of every kind in ``torques``.
+The place with the most evidence is where it is. It goes with the variable that it follows, or, if it follows none and
+just lasts, with the one over which its picture is a curve.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from cosim.diagnosis.fit.evidence import Layout
+from cosim.diagnosis.fit.fitting import Fit
+from cosim.diagnosis.fit.noise import Noise
+from cosim.diagnosis.fit.predict import Predictor
+from cosim.diagnosis.judge.finding import NOTHING
+from cosim.diagnosis.judge.torques import (
+    BENDS,
+    CONSTANT,
+    HEIGHTS,
+    LASTING,
+    QUICK,
+    SHAFT_TORQUE,
+    Healthy,
+    Torque,
+    knots_of,
+    pieces,
+    signals_of,
+    slopes_of,
+)
+from cosim.diagnosis.plants.car import PLACES
+from cosim.diagnosis.plants.hats import hats
+from cosim.diagnosis.search.identify import APART, separation
+
+_SIZES = np.geomspace(0.05, 30.0, 10)  # of the torque looked for, in units of the place's
+_BINS = 12
+_MIXED, _PIECES = 8, 9  # orders of a torque's pieces, which are as many a run
+_TURNS = 0.3  # share of its range by which a curve has to go back to turn
+_LEAST = 0.1  # share of its variance: what goes with less of it than that, it does not go with
+_OWN = 1.0  # log evidence by which a variable is preferred that a place has to do with: others may go with it exactly
+_ALIKE = 0.01  # share of the evidence, which is that of one linear step, within which places are not told apart
+_MORE = 5.0  # log evidence by which a torque that follows a variable has to be more evident than one that need not
+# Over these a torque may swing any number of times: orders of what turns, waves of the road.
+_PERIODIC = {"wheel angle": (2.0 * np.pi,), "distance": tuple(np.geomspace(4.0, 60.0, 40))}
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """The torque missing at one place.
+
+    Attributes:
+        place: Which, of ``PLACES``.
+        gain: Log evidence over that of no torque.
+        alone: Of each recording as if it were the only one.
+        size: Standard deviation of the torque [N.m; N on the vehicle].
+        table: Torque, its standard deviation, and what it may go with, at all hats of all runs.
+        follows: The variable it follows as fast as that moves; empty where it is no more than a torque over time.
+    """
+
+    place: str
+    gain: float
+    alone: np.ndarray
+    size: float
+    table: dict[str, np.ndarray] = field(repr=False)
+    follows: str = ""
+
+
+def disturbances(predictor: Predictor, fit: Fit, noise: Noise, places: Collection[str] = PLACES,
+                 loaded: bool = False) -> list[Disturbance]:
+    """The torque missing at some places beside a fitted supposition, the most evident first.
+
+    Args:
+        predictor: Of the runs.
+        fit: What is known to be wrong.
+        noise: Of the channels.
+        places: Of ``PLACES``.
+        loaded: Whether healthy shafts may be bent by more the more they carry. That says whether a torque is missing;
+            where it is, it hides.
+    """
+    runs, layout = predictor.runs, Layout(predictor.coordinates, len(predictor.runs))
+    # as large as a sum of squares has it: what wanders is alike from sample to sample, and no torque that is missing;
+    # and whether a run is doubtful is not asked here
+    scales = noise.undoubted.scales
+    signals = [signals_of(predictor, fit, r) for r in range(len(runs))]
+    followed = {name: [pieces(name, own, signals) for own in signals] for name in QUICK}
+    moved = {(place, name): [h / scale[:, None] for h, scale in zip(slopes, scales)]
+             for place in dict.fromkeys((*places, *(place for place, _ in BENDS)))
+             for name, slopes in slopes_of(predictor, fit, place, followed).items()}
+    bends = {(place, name): size + loaded * more * knots_of(name, signals) ** 2
+             for (place, name), (size, more) in BENDS.items()}
+    healthy = [Healthy(layout, r, fit, (run.stacked - fit.predicted[r]) / scale, scale,
+                       [sizes * moved[which][r] for which, sizes in bends.items()])
+               for r, (run, scale) in enumerate(zip(runs, scales))]
+    supposed = {(place, name): Torque(healthy, slopes, *HEIGHTS[name])
+                for (place, name), slopes in moved.items() if place in places}
+    # a plant of another structure is never right to the noise: errors count as what the best supposition leaves
+    left = [own.leaves for own in healthy]
+    for _ in range(2):
+        sizes = {which: max(_SIZES * PLACES[which[0]].size, key=lambda size, torque=torque: torque.gain(size, left))
+                 for which, torque in supposed.items()}
+        left = [max(1.0, min(leaves)) for leaves in zip(*(t.left(sizes[which], left) for which, t in supposed.items()))]
+    gains = {which: torque.gain(sizes[which], left) for which, torque in supposed.items()}
+    at_hats = [{name: np.interp(hats(run), run.time, signal) for name, signal in own.items()}
+               for run, own in zip(runs, signals)]
+    found = []
+    for place in places:
+        # a curve has to be more than a constant, and more than what goes with nothing
+        least = max(gains[place, LASTING], gains[place, CONSTANT]) + _MORE
+        quick = max(QUICK, key=lambda name, place=place: gains[place, name] + _OWN * _is_own(name, place))
+        best = quick if gains[place, quick] > least else LASTING
+        heights = supposed[place, best].solve(sizes[place, best], left)
+        tables = []
+        for r, (at, (mean, covariance)) in enumerate(zip(at_hats, heights)):
+            shown = np.eye(mean.size) if best == LASTING else pieces(best, at, signals)
+            deviation = np.sqrt(np.einsum("ij,jk,ik->i", shown, covariance, shown))
+            tables.append({"torque": shown @ mean, "std": deviation, "run": np.full(len(shown), float(r))} | at)
+        table = {column: np.concatenate([t[column] for t in tables]) for column in tables[0]}
+        alone = supposed[place, best].alone(sizes[place, best], left)
+        found.append(Disturbance(place, gains[place, best], alone, float(np.std(table["torque"])), table,
+                                 "" if best == LASTING else best))
+    return sorted(found, key=lambda d: -d.gain)
+
+
+def tied(found: Sequence[Disturbance]) -> list[Disturbance]:
+    """Of disturbances, the most evident first, those that cannot be told from the first, and that.
+
+    Behind a torque meter what is slow is the same on the propeller shaft, the axle, the wheels and, but for how its
+    tyres slip, the vehicle.
+    """
+    first = found[0]
+    return [d for d in found if separation(first.gain - d.gain) < APART or first.gain - d.gain < _ALIKE * first.gain]
+
+
+def _is_own(variable: str, place: str) -> bool:
+    """Whether a torque at a place goes with a variable rather than with another that does the same."""
+    return variable == ("twist" if PLACES[place].shaft else SHAFT_TORQUE)
+
+
+def goes_with(table: Mapping[str, np.ndarray], follows: str = "") -> tuple[str, str, float]:
+    """What the torque of a table goes with: variable, shape, share of its variance (predicted across stretches).
+
+    ``NOTHING`` where it goes with none of the variables; ``follows`` where that was found out already.
+
+    Over some variables many curves are tried. So what counts is how much more they predict than of the same torque
+    in another order, which goes with nothing.
+    """
+    if follows:
+        return follows, _shapes(table, follows), 1.0
+    random = np.random.default_rng(1)
+    torque, weight = table["torque"], 1.0 / table["std"] ** 2
+    runs = [np.flatnonzero(table["run"] == r) for r in np.unique(table["run"])]
+    mixed = []
+    for _ in range(_MIXED):
+        one = torque.copy()
+        for own in runs:
+            parts = np.array_split(own, _PIECES)
+            one[own] = torque[np.concatenate([parts[k] for k in random.permutation(_PIECES)])]
+        mixed.append(one)
+    scores = {}
+    for name, values in table.items():
+        if name in ("torque", "std", "run") or np.ptp(values) <= 0.0:
+            continue
+        curves = [_waves(values, length) for length in _PERIODIC[name]] if name in _PERIODIC else [_binned(values)]
+        own, *chance = (max(_predicted(one, weight, curve, table["run"]) for curve in curves)
+                        for one in (torque, *mixed))
+        scores[name] = (own - max(float(np.mean(chance)), 0.0), own)
+    best = max(scores, key=scores.__getitem__, default=NOTHING)
+    if best == NOTHING or scores[best][0] < _LEAST:
+        return NOTHING, "no shape", 0.0
+    return best, _shape(table[best], torque, best), float(scores[best][1])
+
+
+def _binned(values: np.ndarray) -> np.ndarray:
+    """Indicators of bins with as many samples each."""
+    edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, _BINS + 1)[1:-1]))
+    return np.eye(edges.size + 1)[np.searchsorted(edges, values)]
+
+
+def _waves(values: np.ndarray, length: float) -> np.ndarray:
+    angle = 2.0 * np.pi * values / length
+    return np.column_stack([np.ones_like(angle), np.cos(angle), np.sin(angle)])
+
+
+def _predicted(torque: np.ndarray, weight: np.ndarray, curve: np.ndarray, run: np.ndarray) -> float:
+    """Share of the variance that a curve predicts in each stretch from the others.
+
+    Waves have a phase of their own in every run, so stretches are quarters of each run, in turn.
+    """
+    explained = total = 0.0
+    waves = curve.shape[1] == 3
+    for own in (run == r for r in np.unique(run)) if waves else (np.ones(run.size, dtype=bool),):
+        fold = np.arange(int(own.sum())) * 8 // max(int(own.sum()), 1) % 4
+        c, t, w = curve[own], torque[own], weight[own]
+        for k in range(4):
+            rest = fold != k
+            if not rest.any() or rest.all():
+                continue
+            matrix = c[rest].T @ (c[rest] * w[rest, None]) + 1e-3 * np.median(w) * np.eye(c.shape[1])
+            level = np.linalg.solve(matrix, c[rest].T @ (w[rest] * t[rest]))
+            mean = np.average(t[rest], weights=w[rest])
+            explained += float(np.sum(w[~rest] * (t[~rest] - c[~rest] @ level) ** 2))
+            total += float(np.sum(w[~rest] * (t[~rest] - mean) ** 2))
+    return 1.0 - explained / total if total else 0.0
+
+
+def each_its_own(follows: str) -> bool:
+    """Whether a torque that follows a variable does so in every recording in a way of its own."""
+    return bool(follows) and not HEIGHTS[follows][1] and follows not in _PERIODIC
+
+
+def _shapes(table: Mapping[str, np.ndarray], follows: str) -> str:
+    """The curve in words; the curves, where every recording has its own."""
+    runs = np.unique(table["run"]) if each_its_own(follows) else [None]
+    inside = [slice(None) if run is None else table["run"] == run for run in runs]
+    found = list(dict.fromkeys(_shape(table[follows][part], table["torque"][part], follows) for part in inside))
+    return found[0] if len(found) == 1 else f"in each recording its own way: {'; '.join(found)}"
+
+
+def _shape(values: np.ndarray, torque: np.ndarray, name: str) -> str:
+    """The curve in words."""
+    if name in _PERIODIC:
+        lengths = _PERIODIC[name]
+        power = [float(np.abs(np.mean(torque * np.exp(-2j * np.pi * values / length)))) for length in lengths]
+        best = lengths[int(np.argmax(power))]
+        return "a wave once a revolution" if name == "wheel angle" else f"a wave every {best:.0f} m"
+    steps = np.digitize(values, np.linspace(*np.quantile(values, (0.01, 0.99)), _BINS - 3))
+    means = [float(np.mean(torque[steps == k])) for k in np.unique(steps) if np.sum(steps == k) >= 3]
+    for way, level in (("falls, then rises", np.array(means)), ("rises, then falls", -np.array(means))):
+        if min(level[0], level[-1]) - level.min() > _TURNS * np.ptp(level):
+            return way
+    x = (values - values.mean()) / (np.std(values) or 1.0)
+    line, cube = (np.corrcoef(x**n, torque)[0, 1] for n in (1, 3))
+    odd = abs(cube) > abs(line) + 0.02
+    if max(abs(line), abs(cube)) < 0.3:
+        return "no straight line"
+    return f"{'rises' if (cube if odd else line) > 0 else 'falls'}, {'steeper at the ends' if odd else 'evenly'}"

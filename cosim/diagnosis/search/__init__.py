@@ -1,0 +1,1 @@
+"""Which suppositions explain recordings best, of all causes, alone and together."""

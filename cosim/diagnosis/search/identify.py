@@ -1,0 +1,293 @@
+"""Which effects explain what a simulation gets wrong, how sure that is, and what cannot be told apart.
+
+A *supposition* is a set of causes: their parameters may be anything plausible, all others only what a
+healthy car's are. A cause is an effect of the catalogue, or one parameter of an effect whose parameters mean
+something alone. Of causes that do the same in these recordings one is looked for (``alike``). Every cause alone is
+simulated at several sizes, and the best of these are fitted (``scan``); so is every cause beside whoever leads
+then, and in place of each of its causes, from the vehicle file anew. Whoever leads is challenged by every cause added,
+dropped or swapped (``challenge``); all that were fitted are compared under one noise (``pool``). At last those that do
+the same, or do as far as the recordings reach, take the places of what was found. ``docs/diagnosis.md`` says why.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from cosim.diagnosis.fit.evidence import Evidence
+from cosim.diagnosis.fit.fitting import EFFECT, Fit, Fitter, as_found
+from cosim.diagnosis.fit.noise import Noise
+from cosim.diagnosis.fit.predict import Predictor
+from cosim.diagnosis.search.alike import alike, instead
+from cosim.diagnosis.search.challenge import SWAPPED_CAUSES, Challenge
+from cosim.diagnosis.search.detectable import detectable
+from cosim.diagnosis.search.pool import REFITTED, Pool
+from cosim.diagnosis.search.reach import around, twins
+from cosim.diagnosis.search.scan import Scan, best_of_each, key, renamed
+
+log = logging.getLogger("cosim")
+
+APART = 3.0  # sigma: rivals closer than this cannot be told from the best
+_AFRESH = 2  # suppositions that are fitted by derivatives of their own where a search begins anew
+_TEMPER = 2.0  # of differences in evidence: a plant of another structure errs by some units
+_TURNS = 30  # steps of the search, at most; some three a cause
+
+
+@dataclass
+class Identification:
+    """What the search found.
+
+    Attributes:
+        best: The most probable supposition; no causes where nothing is wrong. Of those that do the same the best, where
+            they are together more probable than any other.
+        alternatives: All suppositions that were fitted, ``best`` first, then by evidence.
+        healthy: The supposition without causes.
+        noise: Under which they were compared.
+        alike: Groups of causes that do the same in these recordings.
+        detectable: Smallest sizes of every cause that they would show, by its place among the coordinates.
+    """
+
+    best: Fit
+    alternatives: list[Fit]
+    healthy: Fit
+    noise: Noise
+    alike: list[tuple[str, ...]]
+    detectable: dict[int, tuple[float, float]]
+
+    def shares(self) -> np.ndarray:
+        """Of the suppositions in the evidence of all, which add up to 1."""
+        weights = np.exp([-self.lead(fit) / _TEMPER for fit in self.alternatives])
+        return weights / weights.sum()
+
+    def lead(self, fit: Fit) -> float:
+        """Log evidence of the best over another supposition.
+
+        By what the fits reached, or by what their derivatives promise if that is less: a settled fit that falls short
+        of the promise is in a worse minimum, and so not refuted.
+        """
+        reached = self.best.score - fit.score
+        return min(reached, max(self.best.hope - fit.hope, 0.0)) if fit.near else reached
+
+    def apart(self, fit: Fit) -> float:
+        """How far a supposition is from the best [sigma]."""
+        return separation(self.lead(fit))
+
+
+class Search:
+    """Finds the suppositions that explain the runs of a predictor.
+
+    Args:
+        predictor: Over all runs.
+        say: Told what happens.
+
+    Attributes:
+        file: The vehicle file as it is; ``first``, what the runs say there; ``opened``, every cause at its best.
+        pool: What was fitted so far.
+        alike: Groups of causes that do the same; of each the first is looked for.
+        causes: Which are looked for.
+        challenge: Of whoever leads, by these.
+        scanned: Causes beside which every other was scanned, and fitted by derivatives of its own.
+    """
+
+    file: Fit
+    first: Evidence
+    opened: list[Fit]
+    pool: Pool
+    alike: list[tuple[str, ...]]
+    causes: list[str]
+    challenge: Challenge
+
+    def __init__(self, predictor: Predictor, say: Callable[[str], None] = log.info) -> None:
+        self.predictor, self.fitter, self.say = predictor, Fitter(predictor), say
+        self.scan = Scan(self.fitter)
+        self.coordinates = predictor.coordinates
+        self.scanned: set[tuple[str, ...]] = set()
+
+    def run(self) -> Identification:
+        """Whoever leads gets derivatives of its own and is challenged from there, until nobody takes the lead."""
+        self._open()
+        for _ in range(_TURNS):
+            leader = self.pool.worthy()[0]
+            if leader.causes and leader.causes not in self.scanned:  # by everything it is settled after that
+                leader = self.pool.settle(leader, everything=False)
+                self.pool.enter(self._afresh(leader, leader.causes))
+            elif not leader.causes and leader.causes not in self.scanned:
+                self.pool.enter(self._afresh(leader, leader.causes))
+            elif not leader.settled:
+                self.pool.settle(leader)
+            elif leader.causes != self.pool.judged:
+                self.pool.judge_by(leader)
+            elif not self._challenged(leader) and not self._swapped(leader) and not self._rivals_settled(leader):
+                break
+        self._put_instead()
+        self._put_around()
+        leader, *others = self._likeliest([fit for fit in self.pool.worthy() if self.pool.plausible(fit)])
+        noise = self.pool.noise
+        shown = detectable(self.fitter.seen(self.file, noise), self.coordinates, -EFFECT,
+                           partial(self.fitter.changed, self.file, noise))
+        return Identification(leader, [leader, *others], self.pool.fits[()], noise, self.alike, shown)
+
+    def part(self, fit: Fit, causes: tuple[str, ...]) -> Fit:
+        """Some causes of a fit, fitted without its others."""
+        return self.challenge.settled(fit, causes, self.fitter.judged(fit, self.pool.noise))
+
+    def _open(self) -> None:
+        """No cause, and every cause alone, as far as they are worth a fit; and a noise for them."""
+        self.say(f"sensitivities to {len(self.coordinates)} parameters over {len(self.predictor.runs)} runs")
+        self.file = self.fitter.nominal()
+        self.pool = Pool(self.fitter, self.fitter.noise(self.file))
+        noise = self.pool.noise
+        self.first = self.fitter.judged(self.file, noise)
+        self.causes = list(dict.fromkeys(c.cause for c in self.coordinates if c.cause))
+        self.alike = alike(self.first, self.coordinates, self.causes)
+        for first, *others in self.alike:
+            self.say(f"{first} does the same here as {', '.join(others)}")
+            self.causes = [cause for cause in self.causes if cause not in others]
+        self.challenge = Challenge(self.pool, self.causes)
+        self.pool.enter([self.fitter.assess(self.fitter.refine(self.file, noise, 5), noise)])
+        self.say("every cause alone, at several sizes")
+        self.opened = self.scan.starts(self.file, self.causes, noise)
+        self.pool.enter(self.pool.refined(fit) for fit in self.opened)
+        for fit in self.pool.nearest():
+            self.pool.fits[fit.causes] = self.fitter.renewed(fit, noise, everything=False)
+        self.pool.doubt_again()
+
+    def _challenged(self, leader: Fit) -> bool:
+        self.say("; ".join(f"{'+'.join(fit.causes) or 'healthy'} {fit.score - leader.score:+.0f}"
+                           for fit in self.pool.worthy()[:4]))
+        return self.challenge(leader)
+
+    # -- from the vehicle file anew ---------------------------------------------------------------
+
+    def _afresh(self, fit: Fit, causes: tuple[str, ...]) -> list[Fit]:
+        """Some causes of a fit once more, from the vehicle file with them as found and nothing else; and a scan there.
+
+        On the way from where a cause was missing everything else was bent towards it, and may be so still. So are the
+        derivatives on that way: here they are taken anew. Once for the same causes.
+        """
+        if causes in self.scanned:
+            return []
+        self.scanned.add(causes)
+        if not causes:  # each alone was scanned when the search began
+            opened = [self.fitter.assess(fit, self.pool.noise) for fit in self.opened]
+            return [self._from_file(self.file), *self._by_their_own(opened)]
+        start = self._in_file(fit, causes)
+        if start is None:
+            return []
+        scanned = self.scan.starts(start, self.causes, self.pool.noise)
+        others = (self.pool.refined(other) for other in scanned)
+        return [self._from_file(start), *self._by_their_own(scanned), *others]
+
+    def _by_their_own(self, starts: Iterable[Fit]) -> list[Fit]:
+        """The best of some starts whose causes are not settled yet, fitted by derivatives taken there.
+
+        Where a cause moves crossings of the lash the derivatives are others, and a fit by those of the start is stuck.
+        """
+        near = {causes for causes, fit in self.pool.fits.items() if fit.near}
+        fresh = [fit for fit in best_of_each(starts, 1) if fit.causes not in near][:_AFRESH]
+        return [self._from_file(self.fitter.relinearise(fit)) for fit in fresh]
+
+    def _in_file(self, fit: Fit, causes: tuple[str, ...]) -> Fit | None:
+        """Some causes of a fit in the vehicle file, with derivatives taken there; None where it cannot be simulated."""
+        only = renamed(fit, causes)
+        shared, *points = (as_found(self.predictor, only, x) for x in (fit.shared, *fit.points))
+        start = self.fitter.placed(fit, causes, shared, points)
+        return start and self.fitter.assess(self.fitter.relinearise(start), self.pool.noise)
+
+    def _from_file(self, start: Fit) -> Fit:
+        """Fitted from the vehicle file with its causes in it."""
+        return self.pool.brought_near(self.fitter.cooled(start, self.pool.noise))
+
+    def _swapped(self, leader: Fit) -> bool:
+        """Whether there was still something to put in place of a cause of the leader: scanned beside its others.
+
+        Derivatives at the leader say little of what a cause would do in place of one that moved crossings of the lash.
+        """
+        fits = []
+        if len(leader.causes) <= SWAPPED_CAUSES:
+            for gone in leader.causes:
+                fits += self._afresh(leader, leader.without(gone))
+        self.pool.enter(fits)
+        return bool(fits)
+
+    # -- who cannot be told from the leader -------------------------------------------------------
+
+    def _rivals_settled(self, leader: Fit) -> bool:
+        """Whether rivals that cannot be told from the leader had yet to be settled by everything, as it is.
+
+        Those with all of its causes and more are not: they are where it is.
+        """
+        rivals = [fit for fit in self.pool.worthy() if not fit.settled and not set(leader.causes) <= set(fit.causes)
+                  and separation(leader.score - fit.score) < APART][:REFITTED]
+        for fit in rivals:
+            self.pool.settle(fit)
+        return bool(rivals)
+
+    def _put_instead(self) -> None:
+        """What does the same as a cause of the leader or of a rival, in its place: fitted from where it does.
+
+        By derivatives these recordings do not tell them apart. So what their scores and hopes differ by is how far each
+        fit got, and counts for neither; but for one that would have to be larger than it can be.
+        """
+        leader, *others = self.pool.worthy()
+        layout = self.fitter.layout
+        rivals = [fit for fit in others if separation(leader.score - fit.score) < APART]
+        for fit in (leader, *rivals):
+            same = [fit]
+            for gone, other in self._swaps(fit):
+                change = instead(self.first, self.coordinates, fit.shared, gone, other)
+                wanted = [x + change for x in (fit.shared, *fit.points)]
+                there = [np.clip(x, layout.low, layout.high) for x in wanted]
+                causes = key((*fit.without(gone), other))
+                start = self.fitter.placed(fit, causes, there[0], there[1:])
+                if start is not None:
+                    twin = self.pool.brought_near(start) if fit is leader else self.pool.refined(start)
+                    self.pool.fits[causes] = twin
+                    mine = self.predictor.index(other)
+                    if np.array_equal(there[0][mine], wanted[0][mine]):
+                        same.append(twin)
+            score, hope = max(twin.score for twin in same), max(twin.hope for twin in same)
+            for twin in same:
+                twin.score, twin.hope = score, hope
+
+    def _put_around(self) -> None:
+        """In place of a cause of the leader what is the same in these recordings, but would not be in livelier ones."""
+        leader = self.pool.worthy()[0]
+        for gone, place in twins(self.coordinates, leader):
+            starts = around(self.fitter, self.pool.noise, leader, gone, place)
+            if starts:
+                best = max(starts, key=lambda fit: fit.score)
+                wide = self.pool.brought_near(self.fitter.relinearise(best, everything=False))
+                wide.hope = min(wide.hope, wide.score)  # by derivatives no width would be as good as that
+                self.pool.enter([wide])
+
+    def _swaps(self, fit: Fit) -> list[tuple[str, str]]:
+        return [(gone, other) for group in self.alike for gone in group if gone in fit.causes
+                for other in group if other != gone]
+
+    def _likeliest(self, fits: Sequence[Fit]) -> list[Fit]:
+        """First the best of those that do the same, where they are together the likeliest; then the others as before.
+
+        Three causes that do the same are three chances that one of them is there.
+        """
+        same = {cause: group[0] for group in self.alike for cause in group}
+        kinds = [key(same.get(cause, cause) for cause in fit.causes) for fit in fits]
+        together: dict[tuple[str, ...], float] = {}
+        for kind, fit in zip(kinds, fits):
+            together[kind] = together.get(kind, 0.0) + float(np.exp((fit.score - fits[0].score) / _TEMPER))
+        first = kinds.index(max(together, key=lambda kind: together[kind]))
+        return [fits[first], *fits[:first], *fits[first + 1:]]
+
+
+def separation(lead: float) -> float:
+    """A lead in log evidence as a distance [sigma]."""
+    return max(float(signed(lead)), 0.0)
+
+
+def signed(lead: np.ndarray | float) -> np.ndarray:
+    """Leads as distances [sigma], negative behind."""
+    return np.sign(lead) * np.sqrt(2.0 * np.abs(lead) / _TEMPER)

@@ -1,0 +1,125 @@
+"""Where fits begin: every cause beside those of a supposition, simulated at several sizes before anything is fitted.
+
+A fit that begins without a cause that is there bends everything else towards what is missing, and meets flanks that
+are not the right ones; one that begins at a size nearby may do so too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from cosim.diagnosis.fit.fitting import Fit, Fitter
+from cosim.diagnosis.fit.noise import Noise
+
+SMALL, LARGE = (-1.5, 1.5), (-4.0, 4.0)  # sizes of probes, in detection limits
+_SCANNED = 12  # probes that are fitted
+_SIZED = 6  # causes of which the best size is looked for
+_AROUND, _TRIED = (0.3, 2.5), 7  # the best probe's size: between these multiples of it, by so many simulations
+
+
+class Scan:
+    """Starts of fits.
+
+    Args:
+        fitter: Of the runs.
+    """
+
+    def __init__(self, fitter: Fitter) -> None:
+        self.fitter, self.predictor, self.coordinates = fitter, fitter.predictor, fitter.predictor.coordinates
+
+    def starts(self, start: Fit, causes: Iterable[str], noise: Noise) -> list[Fit]:
+        """Every cause beside those of a start, where it explains most at once.
+
+        Args:
+            start: Whose coordinates the others keep.
+            causes: Which; those that ``start`` has already are left out.
+            noise: Under which they are compared.
+
+        Returns:
+            The dozen that promise most, at most two of a cause, not fitted yet.
+        """
+        probes = self.probes(start, causes, (*SMALL, *LARGE))
+        points = [self.fitter.assess(probe, noise) for probe in probes]
+        points += [self.sized(start, fit, noise) for fit in best_of_each(points, 1)[:_SIZED]]
+        return best_of_each(points, 2)[:_SCANNED]
+
+    def probes(self, best: Fit, causes: Iterable[str], sizes: Sequence[float]) -> list[Fit]:
+        """Starts for causes beside those of a fit, each at several sizes.
+
+        Args:
+            best: Whose coordinates the others keep.
+            causes: Which.
+            sizes: In detection limits; those that do nothing while they are small have sizes of their own.
+        """
+        starts = []
+        for cause in causes:
+            mine = [i for i in self.predictor.index(cause) if self.coordinates[i].run is None]
+            if cause in best.causes or not mine:
+                continue
+            declared = {i: self.coordinates[i].parameter for i in mine if self.coordinates[i].parameter.probes}
+            tries: list[dict[int, float]] = []
+            for k in range(max((len(p.probes) for p in declared.values()), default=0)):
+                tries.append({i: p.coordinate(p.probes[min(k, len(p.probes) - 1)]) for i, p in declared.items()})
+            if not tries:
+                first, c = mine[0], self.coordinates[mine[0]]
+                tried = [x * c.parameter.detection for x in sizes]
+                tries = [{first: x} for x in tried if c.low <= x <= c.high]
+            starts += [self._placed(best, cause, changes) for changes in tries]
+        return [start for start in starts if start is not None]
+
+    def sized(self, start: Fit, probe: Fit, noise: Noise) -> Fit:
+        """A probe at the size that explains most, before everything else is fitted to a size that is not right.
+
+        What it would explain with linear nuisances is smooth in the size over many crossings of the lash; what fits
+        reach from sizes nearby is not.
+        """
+        [added] = set(probe.causes) - set(start.causes)
+        place = self.predictor.index(added)[0]
+        c, size = self.coordinates[place], float(probe.shared[place])
+        if c.parameter.probes:
+            return probe
+        tried = [probe]
+
+        def fall(x: float) -> float:
+            fit = self._placed(start, added, {place: x})
+            if fit is None:
+                return np.inf
+            tried.append(self.fitter.assess(fit, noise))
+            return -fit.hope
+
+        ends = sorted((size * _AROUND[0], float(np.clip(size * _AROUND[1], c.low, c.high))))
+        minimize_scalar(fall, bounds=ends, method="bounded", options={"maxiter": _TRIED})
+        return max(tried, key=lambda fit: fit.hope)
+
+    def _placed(self, start: Fit, cause: str, changes: Mapping[int, float]) -> Fit | None:
+        """A start with a further cause and some coordinates changed; None where that cannot be simulated."""
+        shared, *points = (_changed(vector, changes) for vector in (start.shared, *start.points))
+        return self.fitter.placed(start, key((*start.causes, cause)), shared, points)
+
+
+def best_of_each(fits: Iterable[Fit], count: int) -> list[Fit]:
+    """Of each supposition the starts that promise most evidence, best first."""
+    chosen: list[Fit] = []
+    for start in sorted(fits, key=lambda fit: -fit.hope):
+        if sum(fit.causes == start.causes for fit in chosen) < count:
+            chosen.append(start)
+    return chosen
+
+
+def renamed(fit: Fit, causes: tuple[str, ...]) -> Fit:
+    """Other causes, as yet where another fit is."""
+    return Fit(causes, fit.shared, fit.points, fit.predicted, fit.tangents)
+
+
+def key(causes: Iterable[str]) -> tuple[str, ...]:
+    """The causes of a supposition, in the order in which they are kept."""
+    return tuple(sorted(causes))
+
+
+def _changed(vector: np.ndarray, changes: Mapping[int, float]) -> np.ndarray:
+    vector = vector.copy()
+    vector[list(changes)] = list(changes.values())
+    return vector

@@ -1,0 +1,1 @@
+"""What is wrong with a simulation, in an engineer's words."""

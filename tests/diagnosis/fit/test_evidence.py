@@ -1,0 +1,149 @@
+"""Closed forms against the dense Gaussian they stand for."""
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+from scipy.stats import multivariate_normal
+
+from cosim.diagnosis.effect import factor
+from cosim.diagnosis.fit.evidence import Evidence, Layout, Slopes, heterogeneity, prior, within
+from cosim.diagnosis.fit.noise import WANDER, WANDER_TIME
+from cosim.diagnosis.fit.predict import WANDERS, Coordinate
+from cosim.diagnosis.plants.hats import EVERY
+
+RUNS, SAMPLES = 3, 40
+
+
+def coordinate(name, cause, run, tolerance, spread):
+    p = factor(name, name, unit="1", meaning="", spread=spread, limits=(0.1, 10.0), detection=0.4)
+    return Coordinate(name, cause, cause, run, p if cause else None, tolerance, spread, 0.1)
+
+
+@pytest.fixture(scope="module")
+def problem():
+    random = np.random.default_rng(3)
+    coordinates = [coordinate("a", "one", None, 0.1, 1.5), coordinate("b", "two", None, 0.2, 0.9),
+                   coordinate("c", "two", None, 0.05, 0.7)]
+    coordinates += [coordinate("start", "", r, 0.3, 0.3) for r in range(RUNS)]
+    layout = Layout(coordinates, RUNS)
+    jacobians = [random.standard_normal((SAMPLES, len(coordinates))) for _ in range(RUNS)]
+    for r, j in enumerate(jacobians):
+        j[:, [3 + k for k in range(RUNS) if k != r]] = 0.0
+    points = [0.3 * random.standard_normal(len(coordinates)) * (np.abs(j).sum(axis=0) > 0) for j in jacobians]
+    targets = [random.standard_normal(SAMPLES) + j[:, 0] for j in jacobians]
+    # linearised at a point of its own, a run shows the residual there
+    seen = [Slopes(layout, r, j[:, layout.columns[r]]).seen(z - j @ p, p)
+            for r, (j, z, p) in enumerate(zip(jacobians, targets, points))]
+    return coordinates, jacobians, targets, Evidence(seen)
+
+
+def dense(coordinates, jacobians, targets, spread):
+    """Log density of the targets with every unknown integrated out."""
+    apart, runs = heterogeneity(coordinates), range(RUNS)
+    covariance = np.block([[jacobians[r] @ np.diag(np.where([c.run in (None,) for c in coordinates], spread**2, 0.0))
+                            @ jacobians[s].T for s in runs] for r in runs])
+    for r in runs:
+        own = np.where([c.run == r for c in coordinates], spread**2, 0.0) + apart**2
+        place = slice(r * SAMPLES, (r + 1) * SAMPLES)
+        covariance[place, place] += jacobians[r] @ np.diag(own) @ jacobians[r].T + np.eye(SAMPLES)
+    return multivariate_normal.logpdf(np.concatenate([targets[r] for r in runs]), cov=covariance)
+
+
+def test_evidence_is_the_dense_gaussian_s(problem):
+    coordinates, jacobians, targets, evidence = problem
+    healthy = prior(coordinates, ())
+    for causes in (("one",), ("two",), ("one", "two")):
+        spread = prior(coordinates, causes)
+        here = evidence.posterior(spread).log_evidence - evidence.posterior(healthy).log_evidence
+        there = dense(coordinates, jacobians, targets, spread) - dense(coordinates, jacobians, targets, healthy)
+        assert here == pytest.approx(there, abs=1e-6)
+
+
+def test_posterior_is_where_the_density_is_highest(problem):
+    coordinates, _, _, evidence = problem
+    spread = prior(coordinates, ("one", "two"))
+    posterior = evidence.posterior(spread)
+    assert posterior.best[0] == pytest.approx(1.0, abs=0.25)
+    assert np.all(np.linalg.eigvalsh(posterior.covariance) > 0.0)
+    assert np.sqrt(posterior.covariance[0, 0]) < spread[0]
+
+
+def test_where_one_of_two_that_make_up_for_each_other_ends_the_other_stays_back():
+    factor = np.linalg.cholesky(np.array([[1000.0, 999.0], [999.0, 1000.0]]))
+    low, high = np.array([0.0, -10.0]), np.full(2, 10.0)
+    inside = np.array([3.0, -3.0])
+    assert within(factor, inside, low, high) is inside
+    assert within(factor, -inside, low, high) == pytest.approx([0.0, 0.003], abs=1e-9)  # the nearest is [0, 3]
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_the_most_probable_point_within_bounds_is_the_one_a_minimiser_finds(seed):
+    random = np.random.default_rng(seed)
+    matrix = random.standard_normal((6, 4))
+    precision, best = matrix.T @ matrix, 2.0 * random.standard_normal(4)
+    found = within(np.linalg.cholesky(precision), best, -np.ones(4), np.ones(4))
+    slow = minimize(lambda x: (x - best) @ precision @ (x - best), np.zeros(4), bounds=[(-1.0, 1.0)] * 4,
+                    options={"ftol": 1e-14, "gtol": 1e-10})
+    assert found == pytest.approx(slow.x, abs=1e-5)
+
+
+def test_however_sharp_a_run_says_no_more_than_heterogeneity_allows(problem):
+    coordinates, jacobians, targets, _ = problem
+    layout = Layout(coordinates, RUNS)
+    seen = [Slopes(layout, r, 1e3 * j[:, layout.columns[r]]).seen(1e3 * z, np.zeros(len(coordinates)))
+            for r, (j, z) in enumerate(zip(jacobians, targets))]
+    deviations = np.sqrt(np.diag(Evidence(seen).posterior(prior(coordinates, ("one", "two"))).covariance))
+    assert np.all(deviations > 0.95 * layout.deviation / np.sqrt(RUNS) * np.array([1.0, 1.0, 1.0]))
+
+
+def test_causes_that_do_almost_the_same_are_almost_equally_evident_however_sharp_they_are():
+    """Their derivatives come in single precision; their squares in single would be negative between the two."""
+    random = np.random.default_rng(5)
+    coordinates = [coordinate(name, name, None, 0.08, 1.0) for name in ("a", "b", "c")]
+    coordinates.append(coordinate("start", "", 0, 0.3, 0.3))
+    one, other, apart = 100.0 * random.standard_normal((3, 9000)).astype(np.float32)
+    slopes = Slopes(Layout(coordinates, 1), 0, np.column_stack([one, one + 1e-3 * apart, other, apart]))
+    assert np.linalg.eigvalsh(slopes.capped).min() >= 0.0
+    evidence = Evidence([slopes.seen(0.4 * one.astype(float) + random.standard_normal(9000), np.zeros(4))])
+    first, second, third = (evidence.posterior(prior(coordinates, [name])).log_evidence for name in "abc")
+    assert first == pytest.approx(second, abs=0.01) and first > third + 2.0
+
+
+def test_what_a_wide_coordinate_can_do_is_not_apart(problem):
+    coordinates, _, _, evidence = problem
+    change = np.zeros(len(coordinates))
+    change[0] = 0.5
+    near = evidence.separation(change, prior(coordinates, ("one",)))
+    far = evidence.separation(change, prior(coordinates, ("two",)))
+    assert near < 0.5 < 1.5 < far
+
+
+def test_a_wandering_torque_is_alike_from_hat_to_hat():
+    coordinates = [coordinate("a", "one", None, 0.1, 1.5)] + [
+        Coordinate(WANDERS, "", "", 0, None, WANDER, WANDER, 1.0, part=k) for k in range(6)]
+    covariance = np.linalg.inv(Layout(coordinates, 1).precision[0])
+    assert np.sqrt(covariance[2, 2]) == pytest.approx(WANDER)
+    assert covariance[2, 3] / covariance[2, 2] == pytest.approx(np.exp(-EVERY / WANDER_TIME), rel=1e-6)
+
+
+def test_what_a_run_is_expected_to_say_is_what_it_says_when_it_shows_that(problem):
+    coordinates, jacobians, _, evidence = problem
+    layout = evidence.layout
+    there = np.zeros(len(coordinates))
+    there[:3] = 0.7, -0.2, 0.1
+    slopes = Slopes(layout, 0, 2.0 * jacobians[0][:, layout.columns[0]])
+    driven = Evidence([*evidence.seen, slopes.seen(np.zeros(SAMPLES), there)])
+    expected = evidence.expecting(slopes.capped, there[layout.shared])
+    spreads = [prior(coordinates, causes) for causes in ((), ("one",), ("two",))]
+    leads = [[e.posterior(s).log_evidence - e.posterior(spreads[0]).log_evidence for s in spreads]
+             for e in (driven, expected)]
+    assert leads[1] == pytest.approx(leads[0], abs=1e-8) and max(leads[0]) > 1.0
+    assert expected.posterior(spreads[1]).best == pytest.approx(driven.posterior(spreads[1]).best, abs=1e-9)
+
+
+def test_what_all_say_is_what_two_say_and_then_the_third_given_these(problem):
+    coordinates, jacobians, targets, evidence = problem
+    others = Evidence([evidence.seen[0], evidence.seen[2]])
+    left = [dense(coordinates, jacobians, targets, spread) - others.posterior(spread).log_evidence
+            - evidence.foretold(spread)[1] for spread in (prior(coordinates, causes) for causes in ((), ("one",)))]
+    assert left[1] == pytest.approx(left[0], abs=1e-6)  # up to what all suppositions share

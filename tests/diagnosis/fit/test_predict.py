@@ -1,0 +1,60 @@
+"""Predictions and their sensitivities."""
+
+
+import numpy as np
+import pytest
+
+from cosim.diagnosis.fit.predict import WANDERS, Predictor, coordinates
+
+
+def test_zero_is_the_vehicle_file_and_every_coordinate_moves_something(car_and_run):
+    car, run = car_and_run
+    declared = coordinates(car, [run])
+    zero = np.zeros(len(declared))
+    with Predictor(car, [run], declared) as predictor:
+        base = predictor.all_runs([zero])
+        assert np.array_equal(base[0], car.predict(car.values, run))
+        slopes = predictor.jacobian([zero], base, {0: range(len(declared))})[0]
+    moves = np.abs(slopes).max(axis=0)
+    idle = [c.name for c, m in zip(declared, moves) if m == 0.0]
+    # these do nothing while they are small, or where the file has no suspension
+    assert set(idle) <= {"lockup_capacity", "slip_target", "first_stage_stiffness", "first_stage_twist",
+                         "suspension.damping"}
+
+
+def test_several_processes_say_the_same(car_and_run):
+    car, run = car_and_run
+    declared = coordinates(car, [run])
+    zero = np.zeros(len(declared))
+    columns = [0, 5, *(i for i, c in enumerate(declared) if c.name == WANDERS)]
+    found = []
+    for workers in (1, 2):
+        with Predictor(car, [run], declared, workers) as predictor:
+            found.append(predictor.jacobian([zero], predictor.all_runs([zero]), {0: columns})[0])
+    assert np.array_equal(*found)
+
+
+def test_a_swing_has_the_amplitude_of_its_components(car_and_run):
+    car, run = car_and_run
+    declared = coordinates(car, [run])
+    predictor = Predictor(car, [run], declared)
+    u = np.zeros(len(declared))
+    for i in predictor.index("torque_ripple"):
+        u[i] = (3.0, 4.0)[declared[i].part]
+    values, _ = predictor.values(u, 0)
+    assert values["torque_ripple.amplitude"] == pytest.approx(5.0)
+    assert values["torque_ripple.phase"] == pytest.approx(np.arctan2(4.0, 3.0))
+
+
+def test_the_slopes_of_a_row_of_hats_are_those_of_each(car_and_run):
+    car, run = car_and_run
+    declared = coordinates(car, [run])
+    zero = np.zeros(len(declared))
+    places = [i for i, c in enumerate(declared) if c.name == WANDERS]
+    with Predictor(car, [run], declared) as predictor:
+        base = predictor.all_runs([zero])[0]
+        slopes = predictor.jacobian([zero], [base], {0: places})[0]
+        one = zero.copy()
+        one[places[40]] = 1.0
+        alone = predictor.predict(one, 0) - base
+    assert np.abs(slopes[:, 40] - alone).max() < 0.1 * np.abs(alone).max()

@@ -1,0 +1,36 @@
+"""What is said of what was found."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from cosim.diagnosis.judge.verdict import MISSING, STRANGE, beside_unknown, counted, is_strange, probabilities
+
+
+@pytest.mark.parametrize(("told", "counts"), [
+    ([0.5], 0.5), ([2.0, 1.0, 3.0], 1.5),
+    ([9.0, 0.1, 0.5], 0.3),  # one recording, where the lash is crossed at another moment
+    ([0.5, 9.0], 8.0)])  # of two the torque shows in one
+def test_a_torque_is_missing_by_what_several_recordings_say(told, counts):
+    assert counted(8.0 if len(told) == 2 else told[0], told) == pytest.approx(counts)
+
+
+@pytest.mark.parametrize(("excess", "told", "there"), [(0.5, 0.5, False), (1.5, 0.5, True), (0.5, 1.5, True)])
+def test_strange_is_what_leaves_too_much_or_lacks_a_torque(excess, told, there):
+    assert is_strange({"excess": excess * STRANGE, "log_evidence": told * MISSING}) is there
+
+
+def test_beside_something_unknown_only_what_was_confirmed_stays_as_probable():
+    causes = [{"effect": name, "probability": 0.4} for name in ("converter_slip", "vehicle_mass")]
+    beside_unknown(causes, {"converter_slip"})
+    assert causes[0]["probability"] == 0.4 and causes[1]["probability"] < 0.2
+
+
+def test_what_is_left_counts_in_probabilities_until_it_is_called_unknown():
+    """A cause that was confirmed elsewhere stays what it is beside something unknown."""
+    fit = SimpleNamespace(effects=("converter_slip",), causes=("converter_slip",))
+    found = SimpleNamespace(alternatives=[fit], shares=lambda: np.ones(1))
+    told = [probabilities([], found, ["converter_slip"], {"excess": 0.0, "log_evidence": x})["converter_slip"]
+            for x in (2.0, 0.85 * MISSING, 1.1 * MISSING)]
+    assert told[0] == told[2] > 0.95 and told[1] < 0.6

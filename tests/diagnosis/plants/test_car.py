@@ -1,0 +1,151 @@
+"""Simulations led along measured speeds."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from floors import FLOORS
+from scipy.interpolate import CubicSpline
+
+from cosim.diagnosis.plants import STEP, FullOrderCar, Nuisance
+from cosim.diagnosis.plants.car import CHANNELS, led_by
+from cosim.measured import Channel
+from driveline.plants.full_order import FullOrderPlant
+from driveline.quantities import InputError
+
+FINE = {"solver.maximum_substep": STEP / 3.0}
+
+
+def on_its_own(values, run):
+    """What the full-order plant shows in a run, with nothing of a diagnosis: by the names of its outputs.
+
+    With sub-steps that first gear allows too: on its own it may be shifted.
+    """
+    plant = FullOrderPlant(values | FINE)
+    plant["start.vehicle_speed"] = run.start_speed
+    for i, variable in enumerate(plant.inputs):
+        plant[variable.name] = run.inputs[0, i]
+    plant.initialize()
+    table = plant.simulate(run.inputs[:, :len(plant.inputs)], STEP, run.start)
+    return {variable.name: table[:, i] for i, variable in enumerate(plant.output_variables)}
+
+
+def test_without_anchors_it_is_the_full_order_plant(car_and_run):
+    car, run = car_and_run
+    run = replace(run.free, start=0.0)  # its sensors sample every millisecond, which cuts steps that begin between
+    itself, free = on_its_own(car.values, run), car.raw(car.values | FINE, run)
+    assert set(free) == {*CHANNELS, "axle_shaft_torque", "crankshaft_torque", "differential_speed"}
+    for name in set(free) & set(itself) - {"differential_acceleration"}:
+        assert np.array_equal(free[name], itself[name]), name
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.0005, 0.0437])
+def test_torque_that_arrives_within_a_step_does_what_its_mean_over_the_step_does(car_and_run, delay):
+    car, run = car_and_run
+    run, values = replace(run.free, start=0.0), car.values | FINE | {"engine.air_delay": delay}
+    itself, free = on_its_own(values, run), car.raw(values, run)
+    for name, floor in FLOORS.items():
+        if name != "differential_acceleration":
+            assert free[name] == pytest.approx(itself[name], abs=0.1 * floor), name
+
+
+def test_torque_before_it_is_asked_for_is_refused(car_and_run):
+    car, run = car_and_run
+    with pytest.raises(InputError, match="air_delay"):
+        car.raw(car.values | {"engine.air_delay": -0.001}, run)
+
+
+def test_what_was_simulated_before_leaves_no_trace(car_and_run):
+    """Also where the next begins alike, so that nothing is initialised anew, or values between were refused."""
+    car, run = car_and_run
+    later = np.where(run.time > run.time[1000], 3.0, 0.0)
+    softer, refused = ({**car.values, "axle_shaft.stiffness": x} for x in (8000.0, -1.0))
+
+    def simulated(car, job):
+        values, place = job
+        try:
+            return car.pushed(values, run, Nuisance(), place, later) if place else car.raw(values, run, torque=later)
+        except InputError:
+            return None
+
+    jobs = [(car.values, ""), (car.values, ""), (refused, ""), (car.values, ""), (car.values, "axle"),
+            (car.values, "axle"), (car.values, "wheel"), (car.values, ""), (softer, ""), (softer, "")]
+    for job in jobs:
+        shown, alone = simulated(car, job), simulated(FullOrderCar(car.vehicle, car.variant), job)
+        assert (shown is None) == (alone is None) == (job[0] is refused)
+        assert shown is None or all(np.array_equal(shown[name], alone[name]) for name in alone)
+
+
+def test_a_slope_that_nobody_recorded_falls_on_the_way_back(car_and_run):
+    car, run = car_and_run
+    column = car.columns["road_grade"]
+    slope = {**car.values, "input.road_grade.offset": 0.01}
+    grades = [replace(run, back=back).driven_by(slope, car.columns)[:, column] for back in (False, True)]
+    assert np.all(grades[0] == 0.01) and np.all(grades[1] == -0.01)
+    assert np.array_equal(car.predict(slope, replace(run, back=True)),
+                          car.predict({**slope, "input.road_grade.offset": -0.01}, run))
+
+
+def test_a_slope_sensor_that_is_not_level_shows_the_same_offset_on_the_way_back(measurement, car_and_run):
+    car, run = car_and_run
+    [manoeuvre] = measurement.manoeuvres
+    level = Channel("road_grade", "rad", np.array([manoeuvre.start, manoeuvre.stop]), np.zeros(2), "made")
+    recorded = replace(manoeuvre, back=True, channels={**manoeuvre.channels, "road_grade": level})
+    runs = [car.runs(replace(measurement, manoeuvres=(one,))) for one in (replace(manoeuvre, back=True), recorded)]
+    assert [one.back for [one] in runs] == [True, False]
+    assert [one.graded for [one] in runs] == [False, True]  # that of a level road too
+
+
+def test_an_accelerometer_shows_the_mean_and_misses_no_impact(car_and_run):
+    car, run = car_and_run
+    raw = car.raw(car.values | FINE, run.free)
+    arm = car.values["differential_case.lever_arm"]
+    shown, speed = raw["differential_acceleration"], arm * raw["differential_speed"]
+    # its integral is the speed, whatever happened within a step
+    assert np.sum(shown[1:-1]) * STEP == pytest.approx(0.5 * (speed[-1] + speed[-2] - speed[1] - speed[0]), abs=1e-9)
+    itself = on_its_own(car.values, run)["differential_acceleration"]
+    # where it does not jump it is the acceleration itself
+    assert np.median(np.abs(shown - itself)) < 0.01 * np.std(itself)
+
+
+def test_led_by_its_own_speeds_it_goes_its_own_way(car_and_run):
+    car, run = car_and_run
+    free = car.raw(car.values, run.free)
+    led = car.raw(car.values, led_by(run, free))
+    for name in ("engine_speed", "propeller_shaft_torque", "wheel_speed"):
+        # what leads it is half a step old, sampled once a step
+        assert np.max(np.abs(led[name] - free[name])) < 2e-2 * np.ptp(free[name])
+
+
+@pytest.mark.parametrize(("noisy", "ripple", "lost", "most"), [
+    (False, 0.0, 0.0, 0.03), (True, 0.0, 0.0, 0.25), (False, 35.0, 0.0, 0.04), (False, 0.0, 0.1, 0.03)])
+def test_what_leads_it_leaves_little_beside_the_noise_of_the_channels(car_and_run, noisy, ripple, lost, most):
+    """Straight lines between samples damp shuffle, by 0.09 of the speeds' noise; noise that leads moves the seat.
+
+    Little enough to be overlooked, and slow enough to move the parameters of five recordings by 3 sigma. Ripple of 70
+    to 120 Hz, sampled every 10 ms, would shake the driveline slowly, by 0.37 of the noise. A curve through both ends of
+    a tenth of a second without frames would miss a trough of the shuffle, by 0.18.
+    """
+    car, run = car_and_run
+    values = {**car.values, "torque_ripple.amplitude": ripple, "torque_ripple.phase": 1.0}
+    raw, random = car.raw(values, run.free), np.random.default_rng(1)
+    anchors, swing = {}, run.time[np.argmax(raw["propeller_shaft_torque"])]  # the engine is slowed down most there
+    for name, every in (("engine_speed", 10), ("vehicle_speed", 50)):
+        time, shown = run.time[every // 2::every], raw[name][every // 2::every]
+        seen = np.abs(time - swing) > 0.5 * lost
+        time, shown = time[seen], shown[seen]
+        anchors[name] = CubicSpline(time, shown + noisy * FLOORS[name] * random.standard_normal(time.size))
+    left = car.predict(values, replace(run, anchors=anchors)) - car.predict(values, run.free)
+    for name, place in run.slices.items():
+        assert np.sqrt(np.mean(left[place] ** 2)) < most * FLOORS[name], name
+
+
+def test_a_led_driveline_forgets_a_torque(car_and_run):
+    car, run = car_and_run
+    led = led_by(run, car.raw(car.values, run.free))
+    kick = np.zeros(len(run.inputs))
+    kick[2500:2600] = 5.0
+    for one, forgets in ((led, True), (run.free, False)):
+        change = np.abs(car.raw(car.values, one, Nuisance(), kick)["vehicle_speed"]
+                        - car.raw(car.values, one)["vehicle_speed"])
+        assert (change[-500:].max() < 0.3 * change.max()) == forgets

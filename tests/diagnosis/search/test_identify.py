@@ -1,0 +1,193 @@
+"""The search on plants of a few lines, whose landscapes are known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from vibration import CLOCK, DETECTION, Plant, WithPlay, WithStages, found
+
+from cosim.diagnosis.search.identify import Search
+from cosim.diagnosis.search.pool import SMALLEST
+
+
+def test_where_nothing_is_hidden_nothing_is_found():
+    assert found({})[1].best.causes == ()
+
+
+@pytest.mark.parametrize("cause, size", [("size", 0.3), ("size", -0.2), ("curve", 0.8), ("phase", 0.2)])
+def test_a_cause_is_found_with_its_size(cause, size):
+    search, result = found({cause: size})
+    assert result.best.causes == (cause,)
+    [i] = search.predictor.index(cause)
+    assert result.best.shared[i] == pytest.approx(size, abs=0.6 * DETECTION)
+
+
+def test_a_cause_beyond_a_local_minimum_is_found():
+    """More than half a period away, a fit from the file ends up a period off."""
+    search, result = found({"phase": 0.5})
+    assert result.best.causes == ("phase",) and result.best.shared[0] == pytest.approx(0.5, abs=0.02)
+    start = replace(search.fitter.nominal(), causes=("phase",))
+    started = search.fitter.assess(search.fitter.refine(start, result.noise), result.noise)
+    assert started.score < result.best.score - 20.0
+
+
+def test_a_leader_is_fitted_once_more_from_the_file():
+    """Where it has the right cause and size, but everything else is in another minimum: here a period off."""
+    search, result = found({"size": 0.3})
+    fitter, best = search.fitter, result.best
+    period = np.pi / 4.0 * np.eye(len(best.shared))[0]
+    bent = fitter.placed(best, best.causes, best.shared + period, [point + period for point in best.points])
+    bent = fitter.assess(fitter.refine(bent, result.noise), result.noise)
+    assert bent.score < best.score - 100.0
+    search.scanned.clear()
+    again, *scanned = search._afresh(bent, bent.causes)
+    assert again.score == pytest.approx(best.score, abs=1.0) and again.near
+    assert scanned and all("size" in fit.causes and len(fit.causes) == 2 for fit in scanned)
+    assert search._afresh(bent, bent.causes) == []  # once
+
+
+def test_beside_a_leader_fitted_from_the_file_a_cause_beyond_a_local_minimum_is_found():
+    """More than half a period away: from where the leader is bent about what is missing no step leads there."""
+    search, result = found({"size": 0.3, "phase": 0.5})
+    assert result.best.causes == ("phase", "size")
+    start = replace(search.fitter.nominal(), causes=("size",))
+    leader = search.fitter.settle(search.fitter.assess(start, result.noise), result.noise)
+    search.scanned.clear()
+    _, *scanned = search._afresh(leader, leader.causes)
+    settled = [search.fitter.settle(fit, result.noise) for fit in scanned if "phase" in fit.causes]
+    assert max(fit.score for fit in settled) == pytest.approx(result.best.score, abs=1.0)
+
+
+def test_everything_is_scanned_beside_a_leader_and_in_place_of_each_of_its_causes():
+    search, result = found({"size": 0.3, "curve": 0.8})
+    assert result.best.causes == ("curve", "size")
+    assert {("curve", "size"), ("curve",), ("size",)} <= search.scanned
+    assert not search._swapped(result.best)  # nothing is left to scan
+    search.scanned.clear()
+    assert search._swapped(result.best) and search.scanned == {("curve",), ("size",)}
+
+
+def test_in_place_of_a_single_cause_every_other_is_fitted_by_derivatives_of_its_own():
+    search, result = found({"phase": 0.2})
+    assert () in search.scanned and search._afresh(result.best, ()) == []
+    search.scanned.clear()
+    others = search._afresh(result.best, ())
+    assert len(others) > 1 and all(fit.near and len(fit.causes) <= 1 for fit in others)
+    assert search.pool.fits.keys() >= {fit.causes for fit in others}
+
+
+def test_who_cannot_be_told_from_the_leader_is_settled_as_it_is():
+    """By its causes' derivatives alone a rival stays short of where it can get; one that is no rival is left alone."""
+    search, result = found({"size": 0.3})
+    leader = result.best
+    short, far = (replace(search.scan.probes(result.healthy, [cause], [4.0])[0], near=True, score=leader.score - short)
+                  for cause, short in (("curve", 1.0), ("phase", 100.0)))
+    search.pool.fits |= {short.causes: short, far.causes: far}
+    assert search._rivals_settled(leader)
+    assert search.pool.fits[short.causes].settled and not search.pool.fits[far.causes].settled
+    assert not search._rivals_settled(leader)
+
+
+def test_what_derivatives_do_not_show_is_scanned():
+    assert set(Search(WithPlay({"size": 0.4, "curve": 0.5}), lambda text: None).run().best.causes) == {"size", "curve"}
+
+
+def test_a_leader_is_settled_by_everything_only_after_everything_was_scanned_beside_it(monkeypatch):
+    """There derivatives by everything are taken anew; those taken before would have been for nothing."""
+    search = Search(Plant({"size": 0.3, "phase": 0.5}), lambda text: None)
+    settle, settled = search.fitter.settle, []
+
+    def seen(fit, noise, everything=True):
+        if everything:
+            settled.append((fit.causes, fit.causes in search.scanned))
+        return settle(fit, noise, everything)
+
+    monkeypatch.setattr(search.fitter, "settle", seen)
+    search.run()
+    assert [scanned for causes, scanned in settled if causes == ("phase", "size")][0]
+
+
+def test_two_causes_are_found():
+    assert set(found({"size": 0.4, "curve": 0.9})[1].best.causes) == {"size", "curve"}
+
+
+def test_causes_that_do_the_same_stand_side_by_side():
+    _, result = found({"slope": 0.3})
+    first, second = result.alternatives[:2]
+    assert {first.causes, second.causes} == {("slope",), ("tilt",)}
+    assert abs(first.score - second.score) < 1.0
+
+
+def at(result, *fits):
+    """A result with other fits, the first of them the best."""
+    return replace(result, best=fits[0], alternatives=list(fits))
+
+
+def test_a_rival_in_a_worse_minimum_is_not_refuted():
+    """Its own derivatives promise what its fit did not reach; as long as they were taken where it is."""
+    _, result = found({"size": 0.3})
+    best = result.best
+    short = replace(best, causes=("curve",), score=best.score - 20.0, hope=best.hope + 5.0, near=True)
+    half = replace(short, hope=best.hope - 4.0)
+    stale, real = replace(short, near=False), replace(short, hope=best.hope - 18.0)
+    leads = [at(result, best, fit).lead(fit) for fit in (short, half, stale, real)]
+    assert leads == pytest.approx([0.0, 4.0, 20.0, 18.0])
+    assert at(result, best, short).shares() == pytest.approx([0.5, 0.5])
+    assert at(result, best, real).shares()[1] < 1e-3
+
+
+def test_causes_that_do_the_same_are_together_more_likely_than_each():
+    search, result = found({})
+    none = result.healthy
+    assert search.alike == [("slope", "tilt")]
+    close, other = (replace(none, causes=(cause,), score=none.score - 1.0) for cause in ("slope", "tilt"))
+    lonely = replace(none, causes=("size",), score=none.score - 1.0)
+    far = replace(other, score=none.score - 4.0)
+    assert search._likeliest([none, close, other])[0] is close
+    assert search._likeliest([none, close, lonely]) == [none, close, lonely]
+    assert search._likeliest([none, close, far])[0] is none
+
+
+def test_what_healthy_cars_differ_by_is_no_cause():
+    assert found({"size": 0.5 * SMALLEST * DETECTION})[1].best.causes == ()
+
+
+def test_four_causes_are_found_one_after_the_other():
+    causes = found({"size": 0.4, "phase": 0.2, "curve": 0.9, "slope": 0.3})[1].best.causes
+    assert len(causes) == 4 and {"size", "phase", "curve"} < set(causes) and {"slope", "tilt"} & set(causes)
+
+
+def test_of_causes_that_do_the_same_one_is_looked_for_and_both_are_found():
+    search, result = found({"slope": 0.3, "size": 0.4})
+    assert result.alike == [("slope", "tilt")] and "tilt" not in search.causes
+    first, second = (next(fit for fit in result.alternatives if fit.causes == ("size", cause))
+                     for cause in ("slope", "tilt"))
+    assert result.best in (first, second) and first.near and second.near
+    assert (first.score, first.hope) == (second.score, second.hope) and first.hope > first.score - 1e-6
+    assert abs(first.score - second.score) < 1.0
+
+
+def test_what_goes_one_way_only_is_not_said_to_do_the_same_the_other_way():
+    """Nor is it what is looked for in place of both."""
+    search = Search(Plant({"slope": -0.3}, lowest=0.0), lambda text: None)
+    result = search.run()
+    assert result.alike == [("slope", "tilt")] and result.best.causes == ("slope",)
+    assert result.shares()[0] > 0.9 and search.pool.fits[("tilt",)].score < result.best.score - 20.0
+
+
+def test_what_does_the_same_as_far_as_recordings_reach_is_listed():
+    """Derivatives at the file do not say so, and a fit from a stage that ends within them need not get there."""
+    search = Search(WithStages({"slope": 0.3}), lambda text: None)
+    result = search.run()
+    assert result.best.causes == ("slope",) and not result.alike
+    [stages] = [fit for fit in result.alternatives if fit.causes == ("stages",)]
+    stages.score -= 100.0  # as if the search had ended where they are too narrow
+    search._put_around()
+    again = search.pool.fits["stages",]
+    assert 0.0 < result.lead(again) < 5.0 and again.near and again.hope <= again.score
+    assert again.shared[3] == pytest.approx(0.3, abs=0.02) and 8.0 * again.shared[4] > 0.9 * CLOCK[-1]
+
+
+def test_a_slope_that_changes_within_a_recording_is_not_the_slope():
+    result = Search(WithStages({}, stage=0.3, width=0.4), lambda text: None).run()
+    assert result.best.causes == ("stages",) and result.best.shared[4] == pytest.approx(0.4, abs=0.05)

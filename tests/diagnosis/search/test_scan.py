@@ -1,0 +1,49 @@
+"""Starts of fits on plants of a few lines, whose landscapes are known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from vibration import DETECTION, Plant
+
+from cosim.diagnosis.fit.fitting import Fitter
+from cosim.diagnosis.search.scan import LARGE, SMALL, Scan, best_of_each
+
+
+def scanned(hidden, **limits):
+    """A scan, the plant's file as a start, and its noise."""
+    fitter = Fitter(Plant(hidden, **limits))
+    start = fitter.nominal()
+    return Scan(fitter), start, fitter.noise(start)
+
+
+def test_probes_have_the_sizes_asked_for_and_stay_within_their_limits():
+    scan, start, _ = scanned({}, lowest=-0.3)
+    probes = scan.probes(start, ["size", "tilt"], (*SMALL, *LARGE))
+    sizes = [(fit.causes, float(fit.shared[scan.predictor.index(fit.causes[0])[0]])) for fit in probes]
+    assert [x for causes, x in sizes if causes == ("size",)] == pytest.approx([-0.15, 0.15, -0.4, 0.4])
+    assert [x for causes, x in sizes if causes == ("tilt",)] == pytest.approx([-0.15, 0.15, 0.4])
+    assert all(np.count_nonzero(fit.shared) == 1 for fit in probes)
+
+
+def test_beside_a_start_its_own_causes_are_not_probed():
+    scan, start, noise = scanned({})
+    beside = replace(start, causes=("size",))
+    assert {fit.causes for fit in scan.starts(beside, ["size", "slope"], noise)} == {("size", "slope")}
+
+
+def test_the_size_of_a_probe_is_looked_for_before_anything_is_fitted():
+    """Between the sizes that are tried first, where a fit of everything would end a period off."""
+    scan, start, noise = scanned({"phase": 0.25})
+    [probe] = scan.probes(start, ["phase"], [1.5])
+    sized = scan.sized(start, scan.fitter.assess(probe, noise), noise)
+    assert probe.shared[0] == pytest.approx(1.5 * DETECTION)
+    assert sized.shared[0] == pytest.approx(0.25, abs=0.02) and not np.any(sized.shared[1:])
+    assert sized.hope > probe.hope + 100.0
+
+
+def test_the_best_of_each_supposition_comes_first():
+    scan, start, noise = scanned({"size": 0.3})
+    fits = [scan.fitter.assess(fit, noise) for fit in scan.probes(start, ["size", "curve"], (*SMALL, *LARGE))]
+    chosen = best_of_each(fits, 1)
+    assert [fit.causes for fit in chosen] == [("size",), ("curve",)] and chosen[0].hope == max(f.hope for f in fits)

@@ -1,0 +1,216 @@
+"""Features read off signals whose answer is known."""
+
+import numpy as np
+import pytest
+
+from cosim.diagnosis.plants import STEP, Run
+from cosim.diagnosis.show.features import FEATURES, Reader, loop_area, order_content, unit_of, words
+
+DURATION = 7.0
+
+
+def recorded(drive, periods=None, **signals):
+    """A run with ``signals(time)`` as its channels and ``drive(time)`` as the torque."""
+    time = STEP * np.arange(1, round(DURATION / STEP) + 1)
+    clocks = {name: np.arange(0.3, DURATION - 0.05, (periods or {}).get(name, 0.01)) for name in signals}
+    return Run("x", "tip_in", 5, 0.0, drive(time)[:, None], 15.0, clocks,
+               {name: signal(clocks[name]) for name, signal in signals.items()})
+
+
+def step(time, at=1.0):
+    return np.where(time < at, -20.0, 200.0)
+
+
+def read(run, reference=None):
+    return Reader(run, run.stacked if reference is None else reference.stacked).read(run.stacked)
+
+
+def ringing(frequency, damping, size=100.0, at=1.0):
+    """A torque that steps and rings."""
+    omega = 2.0 * np.pi * frequency / np.sqrt(1.0 - damping**2)
+
+    def signal(time):
+        t = np.maximum(time - at, 0.0)
+        swing = np.exp(-damping * omega * t) * np.cos(2.0 * np.pi * frequency * t)
+        return np.where(time < at, -30.0, 300.0 - size * swing)
+
+    return signal
+
+
+def smooth(frequency):
+    """A torque that rises in a tenth of a second and rings, without a corner that sampling could miss."""
+    def signal(time):
+        t = np.maximum(time - 1.0, 0.0)
+        return 135.0 + 165.0 * np.tanh((time - 1.0) / 0.06) + 80.0 * t / (t + 0.05) * np.exp(-2.0 * t) * np.sin(
+            2.0 * np.pi * frequency * t)
+
+    return signal
+
+
+@pytest.mark.parametrize("frequency", [2.3, 5.88, 7.14])
+@pytest.mark.parametrize("damping", [0.02, 0.06, 0.12])
+def test_shuffle_is_that_of_a_damped_sinusoid(frequency, damping):
+    """On a signal that drifts, too, and whatever its size."""
+    def signal(time):
+        return 0.2 * ringing(frequency, damping)(time) + 3.0 * time + 0.5 * time**2
+
+    found = read(recorded(step, propeller_shaft_torque=signal))
+    assert found[("propeller_shaft_torque", "shuffle frequency")] == pytest.approx(frequency, rel=4e-3)
+    assert found[("propeller_shaft_torque", "shuffle damping")] == pytest.approx(damping, rel=0.05)
+
+
+def test_without_a_quick_change_of_torque_there_is_no_shuffle_to_read():
+    def slow(time):
+        return 40.0 + 10.0 * np.sin(time)
+
+    found = read(recorded(slow, propeller_shaft_torque=lambda time: 2.0 * slow(time)))
+    assert not {"shuffle frequency", "shuffle damping", "overshoot"} & {feature for _, feature in found}
+
+
+def test_what_does_not_ring_has_no_shuffle_frequency():
+    random = np.random.default_rng(1)
+    found = read(recorded(step, engine_speed=lambda time: 100.0 + 9.0 * time + random.normal(size=time.size)))
+    assert ("engine_speed", "shuffle frequency") not in found
+
+
+@pytest.mark.parametrize("lag", [-0.021, 0.0, 0.004, 0.030, 0.110])
+@pytest.mark.parametrize("gain", [0.8, 1.0, 1.25])
+def test_a_shifted_and_scaled_signal_has_that_lag_and_amplitude(lag, gain):
+    base = smooth(5.0)
+    run = recorded(step, {"wheel_speed": 0.02}, wheel_speed=lambda time: gain * base(time - lag) + 7.0)
+    reference = recorded(step, {"wheel_speed": 0.02}, wheel_speed=base)
+    found = read(run, reference)
+    assert found[("wheel_speed", "lag")] == pytest.approx(lag, abs=1.5e-3)
+    assert found[("wheel_speed", "amplitude")] == pytest.approx(gain, rel=0.03)
+    before, after = Reader(run, reference.stacked).shifted_share("wheel_speed", run.stacked)
+    assert after < 0.05 * before or abs(lag) < 0.005 and gain == 1.0
+
+
+def test_one_channel_is_late_behind_the_others_whatever_moves_all_of_them():
+    """All 12 ms late, as the torque was, and one sensor 4 ms more."""
+    base = smooth(5.0)
+
+    def run(common, own):
+        def late(lag):
+            return lambda time: base(time - lag)
+
+        return recorded(step, engine_speed=late(common), turbine_speed=late(common),
+                        propeller_shaft_torque=late(common + own), seat_acceleration=late(common))
+
+    found = read(run(0.012, 0.004), run(0.0, 0.0))
+    assert found[("engine_speed", "lag")] == pytest.approx(0.012, abs=5e-4)
+    assert found[("propeller_shaft_torque", "lag behind the others")] == pytest.approx(0.004, abs=5e-4)
+    assert found[("engine_speed", "lag behind the others")] == pytest.approx(0.0, abs=5e-4)
+
+
+def test_another_frequency_is_no_shift():
+    run, reference = (recorded(step, wheel_speed=smooth(f)) for f in (5.0, 5.6))
+    before, after = Reader(run, reference.stacked).shifted_share("wheel_speed", run.stacked)
+    assert after > 0.2 * before
+
+
+def test_gain_and_zero_offset_of_a_torque_are_told_apart():
+    base = ringing(5.0, 0.06)
+    found = read(recorded(step, propeller_shaft_torque=lambda time: 1.04 * base(time) - 12.0),
+                 recorded(step, propeller_shaft_torque=base))
+    assert found[("propeller_shaft_torque", "gain")] == pytest.approx(1.04)
+    assert found[("propeller_shaft_torque", "zero offset")] == pytest.approx(-12.0)
+
+
+def test_dead_time_is_how_long_the_torque_stays_at_zero():
+    """From -100 N.m at 1 kN.m/s up to zero, a plateau of 0.13 s there, up to 300 N.m."""
+    def signal(time):
+        return np.interp(time, [1.0, 1.1, 1.23, 1.53], [-100.0, 0.0, 0.0, 300.0])
+
+    found = read(recorded(step, {"propeller_shaft_torque": 0.004}, propeller_shaft_torque=signal))
+    band = 0.05 * 400.0
+    assert found[("propeller_shaft_torque", "reversal dead time")] == pytest.approx(
+        0.13 + 2.0 * band / 1000.0, abs=2e-3)
+
+
+def test_a_torque_that_never_reverses_has_no_dead_time():
+    found = read(recorded(step, propeller_shaft_torque=lambda time: 100.0 + ringing(5.0, 0.06)(time)))
+    assert ("propeller_shaft_torque", "reversal dead time") not in found
+
+
+def test_overshoot_is_the_first_peak_over_the_level_it_settles_at():
+    found = read(recorded(step, {"propeller_shaft_torque": 0.004},
+                          propeller_shaft_torque=ringing(2.0, 0.1, at=1.0)))
+    first_peak = 100.0 * np.exp(-0.1 * np.pi / np.sqrt(1.0 - 0.1**2))
+    assert found[("propeller_shaft_torque", "overshoot")] == pytest.approx(first_peak, rel=0.05)
+
+
+def test_a_hysteresis_loop_encloses_its_area():
+    """A parallelogram, by shoelace exactly; run through three times, three times that."""
+    x = np.concatenate([np.linspace(0.0, 10.0, 50), np.linspace(10.0, 0.0, 50)])
+    y = 3.0 * x + np.where(np.arange(100) < 50, -2.0, 2.0)
+    assert loop_area(x, y) == pytest.approx(10.0 * 4.0)
+    assert loop_area(np.tile(x, 3), np.tile(y, 3)) == pytest.approx(3.0 * 10.0 * 4.0)
+    assert loop_area(x, 3.0 * x) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_loop_area_of_a_torque_is_read_where_the_drive_comes_back():
+    def swing(time):
+        return 100.0 * np.sin(2.0 * np.pi * time)
+
+    def late(time):
+        return 100.0 * np.sin(2.0 * np.pi * time - 0.5)
+
+    found = read(recorded(swing, propeller_shaft_torque=late))
+    rounds = DURATION - 0.35
+    assert found[("propeller_shaft_torque", "loop area")] == pytest.approx(
+        rounds * np.pi * 100.0**2 * np.sin(0.5), rel=0.02)
+    assert ("propeller_shaft_torque", "loop area") not in read(recorded(step, propeller_shaft_torque=late))
+
+
+def test_drift_and_speed_ratio():
+    """A wheel speed that is late while the vehicle gains speed does not change the ratio."""
+    def true(time):
+        return 40.0 + 2.0 * time + 0.3 * np.sin(1.3 * time)
+
+    found = read(recorded(step, {"wheel_speed": 0.02}, transmission_output_speed=lambda time: 3.3 * true(time),
+                          wheel_speed=lambda time: true(time - 0.03)))
+    assert found[("wheel_speed", "drift")] == pytest.approx(2.0, abs=0.05)
+    assert found[("transmission_output_speed over wheel_speed", "speed ratio")] == pytest.approx(3.3, rel=1e-4)
+
+
+@pytest.mark.parametrize("rate", [100.0, 1000.0])
+def test_order_content_is_the_amplitude_at_that_order_of_a_shaft_that_speeds_up(rate):
+    """Also where the firing order, up to 86 Hz here, is folded by sampling at 100 Hz."""
+    random = np.random.default_rng(2)
+    time = np.sort(np.arange(0.0, 7.0, 1.0 / rate) + random.normal(0.0, 3e-4, round(7.0 * rate)))
+    angle = 130.0 * time + 0.5 * 7.0 * time**2
+    slow = 130.0 + 7.0 * time + 0.4 * np.sin(2.0 * np.pi * 5.9 * time)
+    for amplitude in (0.0, 0.2):
+        values = slow + amplitude * np.sin(3.0 * angle + 0.7) + random.normal(0.0, 0.05, time.size)
+        found = order_content(time, values, time, 130.0 + 7.0 * time, 3.0)
+        assert found == pytest.approx(amplitude, abs=0.02)
+
+
+def test_order_content_of_a_shaft_that_hardly_turns_is_not_told():
+    time = np.arange(0.0, 7.0, 0.01)
+    assert order_content(time, np.sin(time), time, np.full(time.size, 1.0), 1.0) is None
+
+
+def test_every_feature_is_read_the_same_way_off_what_is_equal():
+    run = recorded(step, propeller_shaft_torque=ringing(5.0, 0.06), wheel_speed=lambda time: 40.0 + time)
+    found = read(run)
+    assert found[("propeller_shaft_torque", "lag")] == pytest.approx(0.0, abs=1e-9)
+    assert found[("propeller_shaft_torque", "amplitude")] == pytest.approx(1.0)
+    assert found[("propeller_shaft_torque", "gain")] == pytest.approx(1.0)
+    assert ("propeller_shaft_torque", "waveform") not in found  # none where there is no difference
+    assert {feature for _, feature in found} <= set(FEATURES)
+
+
+def test_words_tell_side_and_size():
+    torque = "propeller_shaft_torque"
+    assert words(torque, "shuffle frequency", 5.85, 7.14) == "shuffle frequency 22 % high"
+    assert words(torque, "zero offset", 10.0, 0.0) == "zero offset 10 N.m low"
+    assert words("wheel_speed", "lag", 0.03, 0.0) == "measured 30 ms later than simulated"
+    assert words("wheel_speed", "lag", -0.002, 0.0) == "measured 2 ms earlier than simulated"
+    assert words(torque, "lag behind the others", 0.0042, 0.0) == "measured 4.2 ms later than the other channels"
+    assert words(torque, "overshoot", 10.0, 35.0) == "overshoot 3.5 times as large as measured"
+    assert words(torque, "waveform", 12.0, 3.0) == (
+        "waveform off by 12 N.m rms, 4.0 times what tolerance and noise explain")
+    assert unit_of("wheel_speed", "drift") == "rad/s/s"
+    assert unit_of("engine_speed over turbine_speed", "speed ratio") == "1"
