@@ -84,7 +84,9 @@ def co_simulate(fmu: Path, parameters: Mapping[str, float], run: Run,
     names = [variable.name for variable in FullOrderPlant.inputs]
     master = Master(step=STEP)
     master.add("plant", fmu, parameters={**parameters, "start.vehicle_speed": start_speed})
-    time = run.start + STEP * np.arange(len(run.inputs))
+    start = round(run.start, 9)  # the master counts nanoseconds, and clocks of loggers anything
+    # what a step begins with holds from before it begins, whatever the last bit of either time is
+    time = start + STEP * (np.arange(len(run.inputs)) - 0.5)
     for i, name in enumerate(names):
         column = run.inputs[:, i]
         if np.ptp(column) > 0.0:
@@ -94,7 +96,7 @@ def co_simulate(fmu: Path, parameters: Mapping[str, float], run: Run,
         else:
             master.connect(int(column[0]) if name == "gear" else float(column[0]), f"plant.{name}")
     master.record("plant.*")
-    result = master.run(start=run.start, stop=run.start + STEP * (len(run.inputs)))
+    result = master.run(start=start, stop=round(start + STEP * len(run.inputs), 9))
     return {name.removeprefix("plant."): np.interp(run.time, result.time, result[name]) for name in result.names}
 
 
