@@ -25,9 +25,10 @@ from cosim.diagnosis.gain.profit import profit
 from cosim.diagnosis.judge import proposal
 from cosim.diagnosis.judge.confirm import FEWEST, Jury, words
 from cosim.diagnosis.judge.finding import believed, doubts, gained
-from cosim.diagnosis.judge.localise import disturbances, each_its_own, goes_with, tied
+from cosim.diagnosis.judge.localise import Disturbance, disturbances, each_its_own, goes_with, tied
 from cosim.diagnosis.judge.road import on_its_road
-from cosim.diagnosis.judge.verdict import finding_of, left_over, probabilities, rivals_of
+from cosim.diagnosis.judge.shafts import bent_shafts
+from cosim.diagnosis.judge.verdict import beside, finding_of, is_strange, left_over, probabilities, rivals_of
 from cosim.diagnosis.plants import FullOrderCar, InstrumentedPlant, RigidPlant, Run, plant_for, plausible
 from cosim.diagnosis.plants.car import PLACES
 from cosim.diagnosis.search.identify import APART, Identification, Search
@@ -186,12 +187,19 @@ def _driveline(diagnosis: Diagnosis, car: FullOrderCar, out: Path | None, worker
             confirmed = {verdict.effect for verdict in verdicts if verdict.confirmed}
         diagnosis.identification = found
         say("whether something is missing beside what was found")
-        left = left_over(search.fitter, found)
+        left, curve = left_over(search.fitter, found), None
+        if not is_strange(left):
+            say("whether the axle shafts are bent")
+            curve = bent_shafts(search.fitter, found, search.file)
+            left = beside(left, curve)
         shares = probabilities(declared, found, CATALOGUE, left)
         diagnosis.finding = finding_of(predictor, found, left, shares, confirmed)
         if diagnosis.finding["verdict"] == "unknown":
             say("looking for the torque that is missing")
-            _localise(diagnosis, predictor, found, found.best if confirmed else found.healthy)
+            listed = disturbances(predictor, found.best if confirmed else found.healthy, found.noise)
+            if curve is not None:
+                listed = [curve.disturbance, *(d for d in listed if d.place != curve.disturbance.place)]
+            _localise(diagnosis, listed)
         if diagnosis.finding["verdict"] == "ambiguous":
             say("looking for the manoeuvre that would tell the causes apart")
             _propose(diagnosis, search, found)
@@ -244,9 +252,8 @@ def _values(predictor: Predictor, fit: Fit) -> dict[str, float]:
     return predictor.values(as_found(predictor, fit, fit.shared), 0)[0]
 
 
-def _localise(diagnosis: Diagnosis, predictor: Predictor, found: Identification, beside: Fit) -> None:
-    """Where a torque is missing beside what is sure, and what that goes with; what is not may only imitate it."""
-    listed = disturbances(predictor, beside, found.noise)
+def _localise(diagnosis: Diagnosis, listed: list[Disturbance]) -> None:
+    """Where a torque is missing beside what is sure, and what that goes with; what is not sure may only imitate it."""
     first = listed[0]
     variable, shape, _ = goes_with(first.table, first.follows)
     diagnosis.finding["unknown"] = {

@@ -11,6 +11,7 @@ from __future__ import annotations
 from ..elements.asymmetric_friction import directional_drag, flank_loss_fraction
 from ..elements.backlash import lash_torque
 from ..elements.converter import converter_torques
+from ..elements.curved_shaft import curve_torque
 from ..elements.engine_torque import FADE_SPEED, engine_friction, indicated_target
 from ..elements.fade import fade
 from ..elements.friction import friction_torque
@@ -24,7 +25,7 @@ from ..elements.tyre import contact_deflection_rate
 from .backend import kernel
 from .layout import (
     AERO, BRANCHES, BRANCH_COLUMNS, BRANCH_TABLE, CONTACT, CONTINUOUS, CONVERTER, COS_GRADE,
-    DELAYED, ENGINE, FRICTION, INERTIA, INTEGRALS, INTEGRAL_TABLE, LAGS, LAG_TABLE, LASH, LAW,
+    CURVE, DELAYED, ENGINE, FRICTION, INERTIA, INTEGRALS, INTEGRAL_TABLE, LAGS, LAG_TABLE, LASH, LAW,
     LEADING, LOSS, NODES, NODE_A, NODE_B, NOISE, PARAMETER, REFERENCE, RIPPLE, RUNS, SHAFT, SIGNAL,
     SLIPPING, SOURCE, TWIST, TWO_STAGE,
 )
@@ -138,6 +139,10 @@ def rates(plan, work, y, dy, signal, torque, torque_b, modes, matrix):
             supplied -= t * rate
         elif law == LEADING:
             t = work[p + 2] * work[signal + plan[row + REFERENCE]] * (rate - work[signal + plan[row + SIGNAL]])
+            supplied -= t * rate
+        elif law == CURVE:
+            t = work[p + 2] * curve_torque(work, signal + plan[row + SIGNAL], work[y + plan[row + REFERENCE]])
+            t_b = t
             supplied -= t * rate
         else:  # REACTION
             t = -work[p + 2] * work[torque + plan[row + REFERENCE]]

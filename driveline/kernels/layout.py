@@ -25,6 +25,7 @@ TWO_STAGE = 10 # stiffness, damping, ratio of the first stage, its twist
 RIPPLE = 11    # amplitude, order, phase; reference: place of the angle
 SLIPPING = 12  # as FRICTION, then torque, target and reset time of the control that holds its slip
 LEADING = 13   # gain; torque = gain * (rate - signal), as far as the signal of its reference says
+CURVE = 14     # gain; torque = gain * a curve, which begins at the signal, over the twist at the place of its reference
 DRY = (FRICTION, SLIPPING)  # what may stick
 
 # Columns of a branch in `plan`.

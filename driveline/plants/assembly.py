@@ -253,6 +253,13 @@ class Assembly:
         """A torque or force ``gain * signal`` on a node."""
         return self._branch(Branch(name, k.SOURCE, node, GROUND, ratio, 0.0, (gain,), signal))
 
+    def curve(self, name: str, shaft: str, gain: float, signal: int) -> int:
+        """A torque within a shaft, ``gain`` times a curve over its twist; ``elements.curved_shaft`` says what signals
+        give that, from ``signal`` on."""
+        along = self.branches[shaft]
+        return self._branch(Branch(name, k.CURVE, along.node_a, along.node_b, along.ratio_a, along.ratio_b, (gain,),
+                                   signal, list(self.branches).index(shaft)))
+
     def leading(self, name: str, node: int, gain: float, signal: int, share: int) -> int:
         """A torque or force ``gain * (signal - speed)`` on a node, times the signal ``share``."""
         return self._branch(Branch(name, k.LEADING, node, GROUND, 1.0, 0.0, (gain,), signal, share))
@@ -350,6 +357,8 @@ class Assembly:
                 reference = levels[lag_names[reference]]
             if branch.law == k.RIPPLE:
                 reference = integral_places[reference]
+            if branch.law == k.CURVE:
+                reference = list(twists.values())[reference]
             rows.append([branch.law, branch.node_a, branch.node_b, twists[branch.name], parameter,
                          branch.signal, reference, index])
 

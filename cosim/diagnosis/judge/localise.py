@@ -26,11 +26,13 @@ from cosim.diagnosis.judge.torques import (
     SHAFT_TORQUE,
     Healthy,
     Torque,
+    bent,
     knots_of,
     pieces,
     signals_of,
     slopes_of,
 )
+from cosim.diagnosis.plants import Run
 from cosim.diagnosis.plants.car import PLACES
 from cosim.diagnosis.plants.hats import hats
 from cosim.diagnosis.search.identify import APART, separation
@@ -55,7 +57,6 @@ class Disturbance:
         place: Which, of ``PLACES``.
         gain: Log evidence over that of no torque.
         alone: Of each recording as if it were the only one.
-        size: Standard deviation of the torque [N.m; N on the vehicle].
         table: Torque, its standard deviation, and what it may go with, at all hats of all runs.
         follows: The variable it follows as fast as that moves; empty where it is no more than a torque over time.
     """
@@ -63,9 +64,37 @@ class Disturbance:
     place: str
     gain: float
     alone: np.ndarray
-    size: float
     table: dict[str, np.ndarray] = field(repr=False)
     follows: str = ""
+
+    @property
+    def size(self) -> float:
+        """Standard deviation of the torque [N.m; N on the vehicle]."""
+        return float(np.std(self.table["torque"]))
+
+
+def sampled(run: Run, signals: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """What a torque may go with, at the hats of a run."""
+    return {name: np.interp(hats(run), run.time, signal) for name, signal in signals.items()}
+
+
+def pictured(run: int, shown: np.ndarray, mean: np.ndarray, covariance: np.ndarray,
+             at: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """A torque at the hats of a run, its standard deviation, and what it may go with.
+
+    Args:
+        run: Which.
+        shown: What each of its pieces is there: hats x pieces.
+        mean, covariance: Of their heights.
+        at: ``sampled``.
+    """
+    deviation = np.sqrt(np.einsum("ij,jk,ik->i", shown, covariance, shown))
+    return {"torque": shown @ mean, "std": deviation, "run": np.full(len(shown), float(run)), **at}
+
+
+def joined(tables: Sequence[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    """One table of all runs."""
+    return {column: np.concatenate([table[column] for table in tables]) for column in tables[0]}
 
 
 def disturbances(predictor: Predictor, fit: Fit, noise: Noise, places: Collection[str] = PLACES,
@@ -89,8 +118,7 @@ def disturbances(predictor: Predictor, fit: Fit, noise: Noise, places: Collectio
     moved = {(place, name): [h / scale[:, None] for h, scale in zip(slopes, scales)]
              for place in dict.fromkeys((*places, *(place for place, _ in BENDS)))
              for name, slopes in slopes_of(predictor, fit, place, followed).items()}
-    bends = {(place, name): size + loaded * more * knots_of(name, signals) ** 2
-             for (place, name), (size, more) in BENDS.items()}
+    bends = {(place, name): bent(place, name, knots_of(name, signals), loaded) for place, name in BENDS}
     healthy = [Healthy(layout, r, fit, (run.stacked - fit.predicted[r]) / scale, scale,
                        [sizes * moved[which][r] for which, sizes in bends.items()])
                for r, (run, scale) in enumerate(zip(runs, scales))]
@@ -103,8 +131,7 @@ def disturbances(predictor: Predictor, fit: Fit, noise: Noise, places: Collectio
                  for which, torque in supposed.items()}
         left = [max(1.0, min(leaves)) for leaves in zip(*(t.left(sizes[which], left) for which, t in supposed.items()))]
     gains = {which: torque.gain(sizes[which], left) for which, torque in supposed.items()}
-    at_hats = [{name: np.interp(hats(run), run.time, signal) for name, signal in own.items()}
-               for run, own in zip(runs, signals)]
+    at_hats = [sampled(run, own) for run, own in zip(runs, signals)]
     found = []
     for place in places:
         # a curve has to be more than a constant, and more than what goes with nothing
@@ -115,12 +142,9 @@ def disturbances(predictor: Predictor, fit: Fit, noise: Noise, places: Collectio
         tables = []
         for r, (at, (mean, covariance)) in enumerate(zip(at_hats, heights)):
             shown = np.eye(mean.size) if best == LASTING else pieces(best, at, signals)
-            deviation = np.sqrt(np.einsum("ij,jk,ik->i", shown, covariance, shown))
-            tables.append({"torque": shown @ mean, "std": deviation, "run": np.full(len(shown), float(r))} | at)
-        table = {column: np.concatenate([t[column] for t in tables]) for column in tables[0]}
+            tables.append(pictured(r, shown, mean, covariance, at))
         alone = supposed[place, best].alone(sizes[place, best], left)
-        found.append(Disturbance(place, gains[place, best], alone, float(np.std(table["torque"])), table,
-                                 "" if best == LASTING else best))
+        found.append(Disturbance(place, gains[place, best], alone, joined(tables), "" if best == LASTING else best))
     return sorted(found, key=lambda d: -d.gain)
 
 

@@ -87,6 +87,18 @@ def knots_of(name: str, signals: Sequence[Mapping[str, np.ndarray]]) -> np.ndarr
     return np.linspace(*np.quantile(np.concatenate([s[name] for s in signals]), (0.005, 0.995)), _KNOTS)
 
 
+def bent(place: str, name: str, knots: np.ndarray, loaded: bool = True) -> np.ndarray:
+    """What healthy cars have of a torque at the knots of its curve, one sigma; none of most.
+
+    Args:
+        place, name: Where, and the variable it follows.
+        knots: Of the curve.
+        loaded: Whether they have more the more they carry.
+    """
+    size, more = BENDS.get((place, name), (0.0, 0.0))
+    return size + loaded * more * knots**2
+
+
 def slopes_of(predictor: Predictor, fit: Fit, place: str,
               followed: Mapping[str, Sequence[np.ndarray]]) -> dict[str, list[np.ndarray]]:
     """Of everything that is supposed at a place, per run, what a piece of unit height does to all channels.

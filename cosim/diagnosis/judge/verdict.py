@@ -13,6 +13,7 @@ from cosim.diagnosis.fit.fitting import Fit, Fitter
 from cosim.diagnosis.fit.predict import Coordinate, Predictor
 from cosim.diagnosis.judge.finding import something_else
 from cosim.diagnosis.judge.localise import disturbances
+from cosim.diagnosis.judge.shafts import Bent
 from cosim.diagnosis.search.detectable import would_show
 from cosim.diagnosis.search.identify import APART, Identification
 
@@ -78,6 +79,13 @@ def left_over(fitter: Fitter, found: Identification) -> dict[str, Any]:
     first, *_ = disturbances(fitter.predictor, found.best, found.noise, WITNESSES, loaded=True)
     return {"excess": float(np.sqrt(np.mean(np.square(excess)))), "place": first.place,
             "log_evidence": counted(first.gain, first.alone), "recordings": first.alone.tolist()}
+
+
+def beside(left: Mapping[str, Any], curve: Bent | None) -> dict[str, Any]:
+    """What is left, with a curve within the axle shafts where that is more evident than any other torque."""
+    if curve is None or curve.lead <= left["log_evidence"]:
+        return dict(left)
+    return {**left, "place": curve.disturbance.place, "log_evidence": curve.lead, "recordings": []}
 
 
 def is_strange(left: Mapping[str, Any]) -> bool:
