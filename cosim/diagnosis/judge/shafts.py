@@ -89,6 +89,7 @@ class Curves:
         if predicted is None:
             raise ArithmeticError("what could be simulated cannot be with straight axle shafts")
         causes = (*fit.causes, _CURVE) if strange else fit.causes
+        # by the curve there are no derivatives yet, and where it is no cause only those by everything are also by it
         start = self.fitter.relinearise(Fit(causes, shared, points, predicted, tangents), everything=not strange)
         return self.fitter.assess(start, self.noise)
 
@@ -115,8 +116,8 @@ class Curves:
         for r, run in enumerate(self.predictor.runs):
             at = sampled(run, signals_of(self.predictor, fit, r))
             shown = np.column_stack([np.interp(at[VARIABLE], self.knots, one) for one in heights])
-            rises, covariance = fit.points[r][-_RISES:], fit.posterior.covariance[-_RISES:, -_RISES:]
-            tables.append(pictured(r, shown, rises, covariance, at))
+            own, covariance = fit.points[r][-_RISES:], fit.posterior.covariance[-_RISES:, -_RISES:]
+            tables.append(pictured(r, shown, own, covariance, at))
         return joined(tables)
 
 
