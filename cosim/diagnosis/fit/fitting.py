@@ -23,7 +23,7 @@ SETTLED = 1.0  # log evidence that a fit with new derivatives may still gain
 _BENT = 2.0  # squared distance [sigma] between a run and its tangent at which derivatives are renewed
 _JUDGED = 2.0  # power of the heavy tail where suppositions are compared
 _ROUNDS = 6  # of new derivatives for a fit
-COOLING = (1000.0, 100.0, 10.0)  # temperatures of a fit that begins at the vehicle file, before that of the noise
+_COOLING = (1000.0, 100.0, 10.0)  # temperatures of a fit that begins at the vehicle file, before that of the noise
 
 
 @dataclass(frozen=True)
@@ -329,7 +329,7 @@ class Fitter:
         By derivatives of where nothing fits yet a step does too much of everything that runs are sensitive to, and
         a fit that begins with such a step is stuck where the crossings of lashes are others.
         """
-        for temperature in COOLING:
+        for temperature in _COOLING:
             warm = noise.tempered(np.full(len(self.measured), temperature))
             fit = self.relinearise(self.refine(fit, warm, 3), everything=False)
         return fit
