@@ -1,10 +1,9 @@
 """Where a torque is missing, and what it goes with."""
 
-from dataclasses import replace
 
 import numpy as np
 import pytest
-from floors import FLOORS
+from floors import measured
 
 from cosim.diagnosis.fit.fitting import Fitter
 from cosim.diagnosis.fit.noise import wander
@@ -13,17 +12,13 @@ from cosim.diagnosis.judge.localise import Disturbance, disturbances, each_its_o
 from cosim.diagnosis.judge.torques import ENGINE_TORQUE
 from cosim.diagnosis.judge.verdict import MISSING, WITNESSES
 from cosim.diagnosis.plants import STEP, Nuisance
-from cosim.diagnosis.plants.car import PLACES, led_by
+from cosim.diagnosis.plants.car import PLACES
 from cosim.diagnosis.plants.hats import hats
 
 
 def missing(car, run, raw, places=PLACES, loaded=False):
     """The disturbances found at some places where this was measured, and the run as measured."""
-    random = np.random.default_rng(1)
-    shown = car.instruments(raw, car.values, run)
-    read = {name: shown[place] + FLOORS[name] * random.standard_normal(place.stop - place.start)
-            for name, place in run.slices.items()}
-    led = replace(led_by(run, raw), measured=read)
+    led = measured(car, run, raw)
     with Predictor(car, [led], coordinates(car, [led]), 2) as predictor:
         fitter = Fitter(predictor)
         fit = fitter.nominal()

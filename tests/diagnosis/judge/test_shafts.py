@@ -1,18 +1,16 @@
 """Whether axle shafts are bent: a curve that was put in is found, as it is, and none where there is none."""
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from floors import FLOORS
+from floors import measured
 
 from cosim.diagnosis.fit.fitting import Fitter
 from cosim.diagnosis.fit.predict import Predictor, coordinates
 from cosim.diagnosis.judge.shafts import PLACE, VARIABLE, bent_shafts
 from cosim.diagnosis.judge.verdict import MISSING, beside
 from cosim.diagnosis.plants.bent import HEIGHTS, KNOTS, BentCar
-from cosim.diagnosis.plants.car import led_by
 
 
 def asked(car, run, hardening):
@@ -21,11 +19,7 @@ def asked(car, run, hardening):
     harder = BentCar.like(car)
     curve = {f"input.{name}.offset": hardening * x**3 for name, x in zip(HEIGHTS, knots)}
     raw = harder.raw(harder.values | curve, harder.bent(run.free, knots))
-    random = np.random.default_rng(1)
-    shown = car.instruments(raw, car.values, run)
-    read = {name: shown[place] + FLOORS[name] * random.standard_normal(place.stop - place.start)
-            for name, place in run.slices.items()}
-    led = replace(led_by(run, raw), measured=read)
+    led = measured(car, run, raw)
     with Predictor(car, [led], coordinates(car, [led]), 2) as predictor:
         fitter = Fitter(predictor)
         file = fitter.nominal()
