@@ -138,8 +138,9 @@ def bent_shafts(fitter: Fitter, found: Identification, file: Fit) -> Bent | None
     curves = Curves(base, noise, best)
     with curves.predictor:
         cooled = [curves.cooled(curves.start(start, strange=True)) for start in starts]
-        settled = [curves.settled(fit) for fit, least in zip(cooled, _PROMISING) if fit.score - best.score > least]
-        strange = max(settled, key=lambda fit: fit.score, default=best)
+        settled = [curves.settled(fit) if fit.score - best.score > least else None
+                   for fit, least in zip(cooled, _PROMISING)]
+        strange = max(filter(None, settled), key=lambda fit: fit.score, default=best)
         # as many ways as the curve had, and from where that led
         ways = (lambda: curves.settled(curves.start(best, strange=False)), lambda: curves.sound(strange),
                 lambda: curves.settled(curves.cooled(curves.start(starts[-1], strange=False))))
@@ -149,6 +150,6 @@ def bent_shafts(fitter: Fitter, found: Identification, file: Fit) -> Bent | None
                 return None
             lead = min(lead, strange.score - way().score)
         # what was found beside it may only imitate it: what is shown is what a healthy car lacks
-        alone = curves.settled(cooled[0]) if strange.causes != (_CURVE,) else strange
+        alone = settled[0] or curves.settled(cooled[0])
         torque = curves.torque(alone)
     return Bent(lead, Disturbance(PLACE, alone.score - healthy.score, np.array([]), torque, VARIABLE))
