@@ -9,15 +9,18 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
-from scipy.optimize import minimize_scalar
+from scipy.optimize import minimize, minimize_scalar
 
 from cosim.diagnosis.fit.fitting import Fit, Fitter
 from cosim.diagnosis.fit.noise import Noise
 
 SMALL, LARGE = (-1.5, 1.5), (-4.0, 4.0)  # sizes of probes, in detection limits
 _SCANNED = 12  # probes that are fitted
-_SIZED = 6  # causes of which the best size is looked for
-_AROUND, _TRIED = (0.3, 2.5), 7  # the best probe's size: between these multiples of it, by so many simulations
+_SIZED = 8  # causes of which the best size is looked for
+# The size of a probe: between these multiples of it, by so many simulations; and where a cause has more sizes than one,
+# in the triangle of it and what has one of them smaller to begin with.
+_AROUND, _TRIED = (0.3, 2.5), 7
+_SMALLER, _TRIED_TOGETHER = 0.6, 25
 
 
 class Scan:
@@ -56,7 +59,7 @@ class Scan:
         """
         starts = []
         for cause in causes:
-            mine = [i for i in self.predictor.index(cause) if self.coordinates[i].run is None]
+            mine = self._sizes_of(cause)
             if cause in best.causes or not mine:
                 continue
             declared = {i: self.coordinates[i].parameter for i in mine if self.coordinates[i].parameter.probes}
@@ -77,22 +80,29 @@ class Scan:
         reach from sizes nearby is not.
         """
         [added] = set(probe.causes) - set(start.causes)
-        place = self.predictor.index(added)[0]
-        c, size = self.coordinates[place], float(probe.shared[place])
-        if c.parameter.probes:
-            return probe
-        tried = [probe]
+        mine = [i for i in self._sizes_of(added) if probe.shared[i]]
+        sizes, tried = probe.shared[mine], [probe]
 
-        def fall(x: float) -> float:
-            fit = self._placed(start, added, {place: x})
+        def fall(x: np.ndarray) -> float:
+            fit = self._placed(start, added, dict(zip(mine, np.atleast_1d(x))))
             if fit is None:
                 return np.inf
             tried.append(self.fitter.assess(fit, noise))
             return -fit.hope
 
-        ends = sorted((size * _AROUND[0], float(np.clip(size * _AROUND[1], c.low, c.high))))
-        minimize_scalar(fall, bounds=ends, method="bounded", options={"maxiter": _TRIED})
+        low, high = (np.array([getattr(self.coordinates[i], end) for i in mine]) for end in ("low", "high"))
+        least, most = np.sort([np.clip(share * sizes, low, high) for share in _AROUND], axis=0)
+        if len(mine) == 1:
+            minimize_scalar(fall, bounds=(least[0], most[0]), method="bounded", options={"maxiter": _TRIED})
+        else:
+            corners = [sizes, *(np.where(np.arange(len(mine)) == k, _SMALLER * sizes, sizes) for k in range(len(mine)))]
+            minimize(fall, sizes, method="Nelder-Mead", bounds=list(zip(least, most)),
+                     options={"initial_simplex": corners, "maxfev": _TRIED_TOGETHER})
         return max(tried, key=lambda fit: fit.hope)
+
+    def _sizes_of(self, cause: str) -> list[int]:
+        """Coordinates of a cause that all runs have in common."""
+        return [int(i) for i in self.predictor.index(cause) if self.coordinates[i].run is None]
 
     def _placed(self, start: Fit, cause: str, changes: Mapping[int, float]) -> Fit | None:
         """A start with a further cause and some coordinates changed; None where that cannot be simulated."""

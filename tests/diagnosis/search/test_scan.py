@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from vibration import DETECTION, Plant
+from vibration import DETECTION, Plant, WithStages
 
 from cosim.diagnosis.fit.fitting import Fitter
 from cosim.diagnosis.search.scan import LARGE, SMALL, Scan, best_of_each
@@ -40,6 +40,18 @@ def test_the_size_of_a_probe_is_looked_for_before_anything_is_fitted():
     assert probe.shared[0] == pytest.approx(1.5 * DETECTION)
     assert sized.shared[0] == pytest.approx(0.25, abs=0.02) and not np.any(sized.shared[1:])
     assert sized.hope > probe.hope + 100.0
+
+
+def test_sizes_that_mean_nothing_alone_are_looked_for_together():
+    """A narrow stage, beside which wide ones are worse than none."""
+    fitter = Fitter(WithStages({}, stage=0.15, width=0.15))
+    start, scan = fitter.nominal(), Scan(fitter)
+    noise = fitter.noise(start)
+    [probe] = scan.probes(start, ["stages"], [1.5])
+    sized = scan.sized(start, fitter.assess(probe, noise), noise)
+    assert probe.shared[[3, 4]] == pytest.approx([0.4, 0.2])
+    assert sized.shared[[3, 4]] == pytest.approx([0.15, 0.15], rel=0.15) and not np.any(sized.shared[:3])
+    assert sized.hope > fitter.assess(start, noise).hope + 100.0 > probe.hope + 200.0
 
 
 def test_the_best_of_each_supposition_comes_first():
