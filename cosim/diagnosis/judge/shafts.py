@@ -140,16 +140,20 @@ def bent_shafts(fitter: Fitter, found: Identification, file: Fit) -> Bent | None
         cooled = [curves.cooled(curves.start(start, strange=True)) for start in starts]
         settled = [curves.settled(fit) if fit.score - best.score > least else None
                    for fit, least in zip(cooled, _PROMISING)]
-        strange = max(filter(None, settled), key=lambda fit: fit.score, default=best)
-        # as many ways as the curve had, and from where that led
-        ways = (lambda: curves.settled(curves.start(best, strange=False)), lambda: curves.sound(strange),
+        if max((fit.score for fit in settled if fit), default=-np.inf) <= best.score:
+            return None
+        # alone it has further to go, and may get further
+        settled = [done or curves.settled(fit) for done, fit in zip(settled, cooled)]
+        strange = max(settled, key=lambda fit: fit.score)
+        # as many ways as the curve had, and from where it was beside that
+        ways = (lambda: curves.settled(curves.start(best, strange=False)), lambda: curves.sound(settled[-1]),
                 lambda: curves.settled(curves.cooled(curves.start(starts[-1], strange=False))))
         lead = strange.score - best.score
         for way in ways:
+            lead = min(lead, strange.score - way().score)
             if lead <= 0.0:
                 return None
-            lead = min(lead, strange.score - way().score)
         # what was found beside it may only imitate it: what is shown is what a healthy car lacks
-        alone = settled[0] or curves.settled(cooled[0])
+        alone = settled[0]
         torque = curves.torque(alone)
     return Bent(lead, Disturbance(PLACE, alone.score - healthy.score, np.array([]), torque, VARIABLE))

@@ -33,6 +33,7 @@ log = logging.getLogger("cosim")
 
 APART = 3.0  # sigma: rivals closer than this cannot be told from the best
 _AFRESH = 2  # suppositions that are fitted by derivatives of their own where a search begins anew
+_FIRST = 3  # causes beside which every other is tried where no cause alone explains a recording
 _TEMPER = 2.0  # of differences in evidence: a plant of another structure errs by some units
 _TURNS = 30  # steps of the search, at most; some three a cause
 
@@ -108,8 +109,23 @@ class Search:
         self.scanned: set[tuple[str, ...]] = set()
 
     def run(self) -> Identification:
-        """Whoever leads gets derivatives of its own and is challenged from there, until nobody takes the lead."""
+        """Every cause alone, and what follows from there; two at once where that leaves a recording unexplained."""
         self._open()
+        self._follow()
+        if self.pool.doubtful:
+            self.say("pairs of causes, for what no cause explains")
+            self._two_at_once()
+            self._follow()
+        self._put_instead()
+        self._put_around()
+        leader, *others = self._likeliest([fit for fit in self.pool.worthy() if self.pool.plausible(fit)])
+        noise = self.pool.noise
+        shown = detectable(self.fitter.seen(self.file, noise), self.coordinates, -EFFECT,
+                           partial(self.fitter.changed, self.file, noise))
+        return Identification(leader, [leader, *others], self.pool.fits[()], noise, self.alike, shown)
+
+    def _follow(self) -> None:
+        """Whoever leads gets derivatives of its own and is challenged from there, until nobody takes the lead."""
         for _ in range(_TURNS):
             leader = self.pool.worthy()[0]
             if leader.causes and leader.causes not in self.scanned:  # by everything it is settled after that
@@ -123,13 +139,6 @@ class Search:
                 self.pool.judge_by(leader)
             elif not self._challenged(leader) and not self._swapped(leader) and not self._rivals_settled(leader):
                 break
-        self._put_instead()
-        self._put_around()
-        leader, *others = self._likeliest([fit for fit in self.pool.worthy() if self.pool.plausible(fit)])
-        noise = self.pool.noise
-        shown = detectable(self.fitter.seen(self.file, noise), self.coordinates, -EFFECT,
-                           partial(self.fitter.changed, self.file, noise))
-        return Identification(leader, [leader, *others], self.pool.fits[()], noise, self.alike, shown)
 
     def part(self, fit: Fit, causes: tuple[str, ...]) -> Fit:
         """Some causes of a fit, fitted without its others."""
@@ -160,6 +169,18 @@ class Search:
         self.say("; ".join(f"{'+'.join(fit.causes) or 'healthy'} {fit.score - leader.score:+.0f}"
                            for fit in self.pool.worthy()[:4]))
         return self.challenge(leader)
+
+    def _two_at_once(self) -> None:
+        """Every cause beside each of those that explain most in the vehicle file, at the size that does.
+
+        Where two are there that shift lashes and frequencies, a fit of one of them ends at a size that is not its own,
+        and beside that the other explains nothing. All runs count here for what they say: those that are doubtful have
+        to be explained.
+        """
+        with self.pool.trusting() as noise:
+            for fit in best_of_each((self.fitter.assess(fit, noise) for fit in self.opened), 1)[:_FIRST]:
+                start = self.fitter.assess(self.fitter.relinearise(fit), noise)
+                self.pool.enter(self._by_their_own(self.scan.starts(start, self.causes, noise)))
 
     # -- from the vehicle file anew ---------------------------------------------------------------
 

@@ -67,6 +67,17 @@ def test_everything_is_scanned_beside_a_leader_and_in_place_of_each_of_its_cause
     assert search._swapped(result.best) and search.scanned == {("curve",), ("size",)}
 
 
+def test_where_no_cause_explains_a_recording_two_are_tried_at_once():
+    """Beside the size that a cause has in the file, and as if that recording were not doubtful."""
+    search = Search(Plant({"size": 0.5, "phase": 0.5}), lambda text: None)
+    search._open()
+    assert search.pool.doubtful and max(map(len, search.pool.fits)) == 1
+    search._two_at_once()
+    leader = search.pool.worthy()[0]
+    assert leader.causes == ("phase", "size") and not search.pool.doubtful
+    assert leader.shared[:2] == pytest.approx([0.5, 0.5], abs=0.02)
+
+
 def test_in_place_of_a_single_cause_every_other_is_fitted_by_derivatives_of_its_own():
     search, result = found({"phase": 0.2})
     assert () in search.scanned and search._afresh(result.best, ()) == []
