@@ -107,6 +107,7 @@ class Search:
         self.scan = Scan(self.fitter)
         self.coordinates = predictor.coordinates
         self.scanned: set[tuple[str, ...]] = set()
+        self.refitted: set[tuple[str, ...]] = set()
 
     def run(self) -> Identification:
         """Every cause alone, and what follows from there; two at once where that leaves a recording unexplained."""
@@ -137,7 +138,8 @@ class Search:
                 self.pool.settle(leader)
             elif leader.causes != self.pool.judged:
                 self.pool.judge_by(leader)
-            elif not self._challenged(leader) and not self._swapped(leader) and not self._rivals_settled(leader):
+            elif not (self._challenged(leader) or self._swapped(leader) or self._rivals_settled(leader)
+                      or self._once_more(leader)):
                 break
 
     def part(self, fit: Fit, causes: tuple[str, ...]) -> Fit:
@@ -247,6 +249,23 @@ class Search:
         for fit in rivals:
             self.pool.settle(fit)
         return bool(rivals)
+
+    def _once_more(self, leader: Fit) -> bool:
+        """Whether the leader and rivals that cannot be told from it were fitted in further ways, each once.
+
+        Their fits end in one minimum or another, which is worth some units of log evidence, as much as they are apart:
+        so each begins in the vehicle file anew, and where another of them is.
+        """
+        close = [fit for fit in self.pool.worthy() if separation(leader.score - fit.score) < APART][:REFITTED]
+        fresh = [fit for fit in close if fit.causes not in self.refitted] if len(close) > 1 else []
+        for fit in fresh:
+            self.refitted.add(fit.causes)
+            other = close[1] if fit is leader else leader
+            elsewhere = self.challenge.start(other, fit.causes, self.fitter.judged(other, self.pool.noise))
+            anew = self._in_file(fit, fit.causes) if fit.causes else self.file
+            starts = [elsewhere] if anew is None else [elsewhere, self.fitter.cooled(anew, self.pool.noise)]
+            self.pool.enter([self.pool.settled(start) for start in starts])
+        return bool(fresh)
 
     def _put_instead(self) -> None:
         """What does the same as a cause of the leader or of a rival, in its place: fitted from where it does.

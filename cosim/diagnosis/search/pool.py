@@ -95,6 +95,10 @@ class Pool:
         """Fitted by derivatives by its causes and the runs' own until they gain no more."""
         return self.fitter.settle(self.refined(start), self.noise, everything=False)
 
+    def settled(self, start: Fit) -> Fit:
+        """Fitted by derivatives by everything, taken where it is, until they gain no more."""
+        return self.fitter.settle(self.fitter.assess(self.fitter.relinearise(start), self.noise), self.noise)
+
     def settle(self, fit: Fit, everything: bool = True) -> Fit:
         """Fitted in its place until new derivatives, by everything or as ``brought_near``, gain no more."""
         settled = self.fits[fit.causes] = self.fitter.settle(fit, self.noise, everything)

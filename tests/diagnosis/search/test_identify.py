@@ -99,6 +99,20 @@ def test_who_cannot_be_told_from_the_leader_is_settled_as_it_is():
     assert not search._rivals_settled(leader)
 
 
+def test_who_cannot_be_told_from_the_leader_is_fitted_in_further_ways_once():
+    """Here a rival is a period off, and has nearly the evidence of the leader all the same."""
+    search, result = found({"phase": 0.2})
+    leader, causes, period = result.best, ("curve", "phase"), -np.pi / 4.0 * np.eye(len(result.best.shared))[0]
+    rival = search.fitter.placed(leader, causes, leader.shared + period, [point + period for point in leader.points])
+    search.pool.fits |= {causes: replace(rival, near=True, settled=True, score=leader.score - 8.5)}
+    search.pool.fits[causes].shared[4] = 2.0 * DETECTION
+    search.refitted.clear()
+    assert search._once_more(leader) and {leader.causes, causes} <= search.refitted
+    better = search.pool.fits[causes]
+    assert better.shared[0] == pytest.approx(0.2, abs=0.02) and better.score > leader.score - 8.0
+    assert not search._once_more(leader)
+
+
 def test_what_derivatives_do_not_show_is_scanned():
     assert set(Search(WithPlay({"size": 0.4, "curve": 0.5}), lambda text: None).run().best.causes) == {"size", "curve"}
 
