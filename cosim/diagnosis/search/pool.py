@@ -64,13 +64,13 @@ class Pool:
                    for x, c in zip(fit.shared, self.coordinates) if c.cause in fit.causes)
 
     def size(self, fit: Fit, cause: str) -> float:
-        """How large a cause is, in detection limits."""
+        """How large a cause is, in detection limits; the least of its numbers where none does anything alone."""
         places = self.fitter.predictor.index(cause)
         found = [fit.shared[i] / self.coordinates[i].parameter.detection for i in places]
         swings = [x for i, x in zip(places, found) if self.coordinates[i].run is not None]
         if swings:  # two components for each run
             return float(np.sqrt(2.0 * np.mean(np.square(swings))))
-        return float(np.linalg.norm(found))
+        return float(np.min(np.abs(found)))
 
     def _shows(self, fit: Fit, cause: str) -> bool:
         without = self.fits.get(fit.without(cause))
