@@ -5,8 +5,10 @@ healthy car's are. A cause is an effect of the catalogue, or one parameter of an
 something alone. Of causes that do the same in these recordings one is looked for (``alike``). Every cause alone is
 simulated at several sizes, and the best of these are fitted (``scan``); so is every cause beside whoever leads
 then, and in place of each of its causes, from the vehicle file anew. Whoever leads is challenged by every cause added,
-dropped or swapped (``challenge``); all that were fitted are compared under one noise (``pool``). At last those that do
-the same, or do as far as the recordings reach, take the places of what was found. ``docs/diagnosis.md`` says why.
+dropped or swapped (``challenge``); all that were fitted are compared under one noise (``pool``). Those that cannot be
+told from the leader are fitted in further ways, and where a recording stays unexplained two causes are tried at once.
+At last those that do the same, or do as far as the recordings reach, take the places of what was found.
+``docs/diagnosis.md`` says why.
 """
 
 from __future__ import annotations
@@ -92,6 +94,7 @@ class Search:
         causes: Which are looked for.
         challenge: Of whoever leads, by these.
         scanned: Causes beside which every other was scanned, and fitted by derivatives of its own.
+        refitted: Suppositions that were fitted in further ways.
     """
 
     file: Fit

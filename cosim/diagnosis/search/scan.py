@@ -17,8 +17,8 @@ from cosim.diagnosis.fit.noise import Noise
 SMALL, LARGE = (-1.5, 1.5), (-4.0, 4.0)  # sizes of probes, in detection limits
 _SCANNED = 12  # probes that are fitted
 _SIZED = 8  # causes of which the best size is looked for
-# The size of a probe: between these multiples of it, by so many simulations; and where a cause has more sizes than one,
-# in the triangle of it and what has one of them smaller to begin with.
+# The size of a probe is looked for between these multiples of it, by so many simulations; several together by so many,
+# which begin with the probe and what has one of its sizes by that smaller.
 _AROUND, _TRIED = (0.3, 2.5), 7
 _SMALLER, _TRIED_TOGETHER = 0.6, 25
 
