@@ -242,13 +242,17 @@ class Search:
 
     # -- who cannot be told from the leader -------------------------------------------------------
 
+    def _close(self, leader: Fit) -> list[Fit]:
+        """The leader and those that cannot be told from it, the likeliest first."""
+        return [fit for fit in self.pool.worthy() if separation(leader.score - fit.score) < APART]
+
     def _rivals_settled(self, leader: Fit) -> bool:
         """Whether rivals that cannot be told from the leader had yet to be settled by everything, as it is.
 
         Those with all of its causes and more are not: they are where it is.
         """
-        rivals = [fit for fit in self.pool.worthy() if not fit.settled and not set(leader.causes) <= set(fit.causes)
-                  and separation(leader.score - fit.score) < APART][:REFITTED]
+        rivals = [fit for fit in self._close(leader)
+                  if not fit.settled and not set(leader.causes) <= set(fit.causes)][:REFITTED]
         for fit in rivals:
             self.pool.settle(fit)
         return bool(rivals)
@@ -259,7 +263,7 @@ class Search:
         Their fits end in one minimum or another, which is worth some units of log evidence, as much as they are apart:
         so each begins in the vehicle file anew, and where another of them is.
         """
-        close = [fit for fit in self.pool.worthy() if separation(leader.score - fit.score) < APART][:REFITTED]
+        close = self._close(leader)[:REFITTED]
         fresh = [fit for fit in close if fit.causes not in self.refitted] if len(close) > 1 else []
         for fit in fresh:
             self.refitted.add(fit.causes)
@@ -276,9 +280,8 @@ class Search:
         By derivatives these recordings do not tell them apart. So what their scores and hopes differ by is how far each
         fit got, and counts for neither; but for one that would have to be larger than it can be.
         """
-        leader, *others = self.pool.worthy()
+        leader, *rivals = self._close(self.pool.worthy()[0])
         layout = self.fitter.layout
-        rivals = [fit for fit in others if separation(leader.score - fit.score) < APART]
         for fit in (leader, *rivals):
             same = [fit]
             for gone, other in self._swaps(fit):

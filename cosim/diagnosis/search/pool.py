@@ -30,7 +30,6 @@ class Pool:
         fits: By their causes.
         judged: The causes of the settled leader whose noise it is; None before there is one.
         plain, noise: That noise, and the same with doubts.
-        trusts: Whether there are none for the time being.
     """
 
     def __init__(self, fitter: Fitter, noise: Noise) -> None:
@@ -38,7 +37,6 @@ class Pool:
         self.fits: dict[tuple[str, ...], Fit] = {}
         self.judged: tuple[str, ...] | None = None
         self.plain = self.noise = noise
-        self.trusts = False
 
     # -- which count ------------------------------------------------------------------------------
 
@@ -131,8 +129,6 @@ class Pool:
 
         Then its fits are in one minimum or another, and which of them is best is luck.
         """
-        if self.trusts:
-            return self.plain
         costs = []
         for fit in self.fits.values():
             heavy, _ = self.plain.heavy(self.fitter.residuals(fit.predicted))
@@ -144,12 +140,10 @@ class Pool:
     @contextmanager
     def trusting(self) -> Iterator[Noise]:
         """As if no run were doubtful: under a noise by which they all count for what they say."""
-        self.trusts = True
         self._compare(self.plain)
         try:
             yield self.plain
         finally:
-            self.trusts = False
             self._compare(self.doubted())
 
     def doubt_again(self) -> None:

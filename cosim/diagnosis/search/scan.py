@@ -102,7 +102,7 @@ class Scan:
 
     def _sizes_of(self, cause: str) -> list[int]:
         """Coordinates of a cause that all runs have in common."""
-        return [int(i) for i in self.predictor.index(cause) if self.coordinates[i].run is None]
+        return [i for i in self.predictor.index(cause) if self.coordinates[i].run is None]
 
     def _placed(self, start: Fit, cause: str, changes: Mapping[int, float]) -> Fit | None:
         """A start with a further cause and some coordinates changed; None where that cannot be simulated."""

@@ -1,6 +1,5 @@
 """Where a torque is missing, and what it goes with."""
 
-
 import numpy as np
 import pytest
 from floors import measured
