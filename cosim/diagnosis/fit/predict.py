@@ -63,7 +63,7 @@ class Coordinate:
         step: For finite differences.
         low, high: Plausible range.
         phase: Value that holds the phase, for a component of a swing.
-        part: Which: 0 the cosine's, 1 the sine's; of a row of hats, its place.
+        part: Which: 0 the cosine's, 1 the sine's; of a row of hats or waves, its place.
     """
 
     name: str
@@ -118,8 +118,8 @@ def coordinates(car: FullOrderCar, runs: Sequence[Run],
     for r, run in enumerate(runs):
         found += [Coordinate(name, "", "", r, None, spread, spread, step)
                   for name, (spread, step) in _nuisances(run).items()]
-        found += [Coordinate(FILLED, "", "", r, None, gap.torque, gap.torque, WANDER, part=k)
-                  for k, gap in enumerate(run.gaps)]
+        waves = [height for gap in run.gaps for height in gap.waves]
+        found += [Coordinate(FILLED, "", "", r, None, height, height, WANDER, part=k) for k, height in enumerate(waves)]
     for r, run in enumerate(runs):
         found += [Coordinate(WANDERS, "", "", r, None, WANDER, WANDER, WANDER, part=k) for k in range(hats(run).size)]
     return found

@@ -1,7 +1,8 @@
 """What was not recorded, where frames are lost.
 
 A bus that is busy for 60 ms while the driver tips in hides when the torque rose: a straight line through the gap is
-off by tens of newton metres. What it was off by is an unknown of the run. A speed that leads the simulation does not
+off by tens of newton metres. What it was off by is an unknown of the run: a wave or two, as where the torque rises in
+the middle the line is above it first and below it then, and right on average. A speed that leads the simulation does not
 lead it there: a curve through both ends of 100 ms misses half a swing of the shuffle.
 """
 
@@ -14,6 +15,7 @@ import numpy as np
 
 from cosim.measured import Channel
 
+WAVES = 2  # half a turn and a whole one, of what the torque was beside the straight line
 _LOST = 1.5  # distances of frames: more, and one is missing
 _MISSED = 2.5  # and two: more than a curve through the others can follow
 
@@ -30,6 +32,14 @@ class Gap:
     begin: float
     end: float
     torque: float
+
+    @property
+    def waves(self) -> tuple[float, ...]:
+        """Of each wave in it the height, one sigma [N.m].
+
+        Those that a torque which steps somewhere within a gap leaves beside the line fall as one over their order.
+        """
+        return tuple(self.torque / order for order in range(1, WAVES + 1))
 
     @property
     def impulse(self) -> float:
@@ -80,9 +90,16 @@ def _slope(channel: Channel, at: int) -> float:
 
 
 def filled(gaps: Sequence[Gap], heights: Sequence[float], time: np.ndarray) -> np.ndarray:
-    """The torque that was in the gaps beside the straight line, highest in their middle."""
+    """The torque that was in the gaps beside the straight line.
+
+    Args:
+        gaps: Which.
+        heights: Of the waves [N.m], one gap after the other.
+        time: At which instants [s].
+    """
     torque = np.zeros(time.size)
-    for gap, height in zip(gaps, heights):
+    for gap, own in zip(gaps, np.reshape(heights, (-1, WAVES))):
         inside = (time > gap.begin) & (time < gap.end)
-        torque[inside] += height * np.sin(np.pi * (time[inside] - gap.begin) / (gap.end - gap.begin))
+        angle = np.pi * (time[inside] - gap.begin) / (gap.end - gap.begin)
+        torque[inside] += sum(height * np.sin(order * angle) for order, height in enumerate(own, start=1))
     return torque

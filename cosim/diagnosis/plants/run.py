@@ -23,7 +23,7 @@ class Nuisance:
         grade: Added to the road's slope [rad].
         torque: Added to the engine torque [N.m].
         wander: Heights of the hats that are added to it as well [N.m]; none for no such torque.
-        filled: What it was in the middle of each gap beside a straight line [N.m]; none for nothing.
+        filled: Heights of the waves that it was in each gap beside a straight line [N.m]; none for nothing.
     """
 
     start_speed: float = 0.0

@@ -10,7 +10,7 @@ from cosim.diagnosis.fit.fitting import Fitter
 from cosim.diagnosis.fit.predict import FILLED, Predictor, coordinates
 from cosim.diagnosis.hidden import hide
 from cosim.diagnosis.plants import STEP, FullOrderCar, Nuisance
-from cosim.diagnosis.plants.gaps import Gap, filled, gaps, known
+from cosim.diagnosis.plants.gaps import WAVES, Gap, filled, gaps, known
 from cosim.measured import Channel, load
 
 CLOCK = np.arange(0.0, 3.0, 0.01)
@@ -53,10 +53,23 @@ def test_one_lost_frame_is_a_gap_only_where_it_matters():
 
 def test_what_fills_a_gap_stays_within_it():
     gap, time = Gap(1.0, 1.2, 5.0), np.arange(0.0, 3.0, STEP)
-    torque = filled([gap, Gap(2.0, 2.1, 5.0)], [7.0, 0.0], time)
+    torque = filled([gap, Gap(2.0, 2.1, 5.0)], [7.0, *[0.0] * (2 * WAVES - 1)], time)
     assert torque.max() == pytest.approx(7.0) and time[np.argmax(torque)] == pytest.approx(1.1, abs=STEP)
     assert np.sum(torque) * STEP == pytest.approx(7.0 * 0.2 * 2.0 / np.pi, rel=1e-3)
     assert not np.any(torque[(time <= 1.0) | (time >= 1.2)])
+
+
+@pytest.mark.parametrize("at", [1.02, 1.05, 1.07])
+def test_what_waves_leave_of_a_step_in_a_gap_is_little(at):
+    """A single wave leaves all of what a step in the middle is beside the line: above it first and below it then."""
+    gap, time = Gap(1.0, 1.1, 100.0), np.arange(0.0, 2.0, STEP)
+    inside = (time > gap.begin) & (time < gap.end)
+    missed = (np.where(time > at, 200.0, 0.0) - np.interp(time, [gap.begin, gap.end], [0.0, 200.0]))[inside]
+    waves = np.column_stack([filled([gap], row, time)[inside] for row in np.eye(WAVES)])
+    heights = np.linalg.lstsq(waves, missed)[0]
+    left = missed - waves @ heights
+    assert np.abs(heights / gap.waves).max() < 1.3  # as large as they are supposed to be
+    assert np.sum(left**2) < 0.4 * np.sum(missed**2)
 
 
 def test_between_samples_that_are_far_apart_nothing_is_known():
@@ -127,7 +140,7 @@ def test_frames_lost_while_the_driver_tips_in_are_made_up_for(recording):
                          for here in (file, fit)])
             heights = [x for c, x in zip(predictor.coordinates, fit.points[0]) if c.name == FILLED]
             assert any(gap.begin < corner < gap.end for gap in run.gaps) == (lost[1] > 0.0)
-            assert len(heights) == len(run.gaps)
+            assert len(heights) == WAVES * len(run.gaps)
     (before, after), (_, whole) = left
     assert before > 3.0 * after and after < 1.15 * whole
 
@@ -136,10 +149,11 @@ def test_a_filled_gap_drives_the_plant_as_what_was_there(recording):
     measurement, corner = recording
     car, run = without(measurement, corner - 0.05, corner + 0.05)
     [k] = [k for k, gap in enumerate(run.gaps) if gap.begin < corner < gap.end]
-    heights = np.zeros(len(run.gaps))
-    heights[k] = 30.0
+    rows = np.zeros((len(run.gaps), WAVES))
+    rows[k] = 30.0
+    heights = tuple(rows.ravel())
     there = replace(run, inputs=run.inputs.copy(), gaps=())
     there.inputs[:, car.columns["engine_torque"]] += filled(run.gaps, heights, run.time - STEP)
-    one, other = (car.raw(car.values, r, n) for r, n in ((run, Nuisance(filled=tuple(heights))), (there, Nuisance())))
+    one, other = (car.raw(car.values, r, n) for r, n in ((run, Nuisance(filled=heights)), (there, Nuisance())))
     assert all(np.array_equal(one[name], other[name]) for name in one)
     assert np.ptp(one["propeller_shaft_torque"] - car.raw(car.values, run)["propeller_shaft_torque"]) > 10.0
