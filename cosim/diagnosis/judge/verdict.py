@@ -60,6 +60,15 @@ def rivals_of(found: Identification) -> list[tuple[Fit, float]]:
     return rivals
 
 
+def told_once(best: Fit, rivals: Sequence[tuple[Fit, float]]) -> list[dict[str, Any]]:
+    """What the best supposition cannot be told from, as ``finding.json`` has it: the same other effects once."""
+    nearest: dict[tuple[str, ...], float] = {}
+    for fit, distance in rivals:
+        others = tuple(sorted(set(fit.effects) - set(best.effects)))
+        nearest[others] = min(distance, nearest.get(others, distance))
+    return [{"effects": list(others), "separation_sigma": distance} for others, distance in nearest.items()]
+
+
 def counted(evidence: float, told: Sequence[float]) -> float:
     """Log evidence of a missing torque that counts.
 
@@ -122,8 +131,7 @@ def finding_of(predictor: Predictor, found: Identification, left: dict[str, Any]
         verdict = "ambiguous" if rivals else "cause"
     return {
         "verdict": verdict, "wrong": [], "causes": causes, "together": [*best.effects],
-        "ambiguous_with": [{"effects": sorted(set(fit.effects) - set(best.effects)), "separation_sigma": distance}
-                           for fit, distance in rivals] if verdict == "ambiguous" else [],
+        "ambiguous_with": told_once(best, rivals) if verdict == "ambiguous" else [],
         "next_manoeuvre": None, "unknown": None, "left_over": left, "extension": None, "gain": None,
         "would_show": would_show(found.detectable, predictor.coordinates, predictor.car.values)}
 

@@ -1,9 +1,9 @@
 """What was not recorded, where frames are lost.
 
 A bus that is busy for 60 ms while the driver tips in hides when the torque rose: a straight line through the gap is
-off by tens of newton metres. What it was off by is an unknown of the run: a wave or two, as where the torque rises in
-the middle the line is above it first and below it then, and right on average. A speed that leads the simulation does not
-lead it there: a curve through both ends of 100 ms misses half a swing of the shuffle.
+off by tens of newton metres. What it was off by is unknown in the run: half a wave, and a whole one, as where the
+torque rises in the middle the line is above it first, below it then, and right on average. A speed that leads the
+simulation does not lead it there: a curve through both ends of 100 ms misses half a swing of the shuffle.
 """
 
 from __future__ import annotations

@@ -5,7 +5,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cosim.diagnosis.judge.verdict import MISSING, STRANGE, beside_unknown, counted, is_strange, probabilities
+from cosim.diagnosis.judge.verdict import (
+    MISSING,
+    STRANGE,
+    beside_unknown,
+    counted,
+    is_strange,
+    probabilities,
+    told_once,
+)
 
 
 @pytest.mark.parametrize(("told", "counts"), [
@@ -34,3 +42,13 @@ def test_what_is_left_counts_in_probabilities_until_it_is_called_unknown():
     told = [probabilities([], found, ["converter_slip"], {"excess": 0.0, "log_evidence": x})["converter_slip"]
             for x in (2.0, 0.85 * MISSING, 1.1 * MISSING)]
     assert told[0] == told[2] > 0.95 and told[1] < 0.6
+
+
+def test_what_it_could_be_as_well_is_told_once_at_its_nearest():
+    """A rival without the best one's second cause has the same other effects as one with it."""
+    best, *others = (SimpleNamespace(effects=effects) for effects in (
+        ("backlash_size", "road_grade"), ("backlash_size", "rolling_resistance"), ("rolling_resistance",),
+        ("backlash_size", "coulomb_drag")))
+    assert told_once(best, list(zip(others, (0.4, 0.2, 1.0)))) == [
+        {"effects": ["rolling_resistance"], "separation_sigma": 0.2},
+        {"effects": ["coulomb_drag"], "separation_sigma": 1.0}]
