@@ -11,8 +11,8 @@ from cosim.diagnosis.fit.evidence import Evidence, Layout, Posterior, Slopes, pr
 from cosim.diagnosis.fit.noise import Noise, floors
 from cosim.diagnosis.fit.predict import Predictor
 
-# Log odds that a given effect is there: of thirty, one in two that a car has any, as somebody asks. What is not there
-# gains up to 1, and is then smaller than what counts (``pool.SMALLEST``).
+# Log odds that a given effect is there: of thirty, one in two that a car has any, as who asks has a reason to. What is
+# not there gains up to 1, and is then smaller than what counts (``pool.SMALLEST``).
 EFFECT = -3.4
 SECOND_PARAMETER = -3.0  # and that a second parameter of it is off as well
 # What the fit of one cause misses may look like another. So that one, beside others, has to be _CLEAR, or more than one
