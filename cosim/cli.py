@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from cosim.diagnosis.judge.finding import balances, either, goes_with_words, joint_probability, missing
+from cosim.diagnosis.judge.finding import balances, either, goes_with_words, in_doubt, joint_probability, missing
 from driveline.quantities import InputError
 
 LISTS = ("fmus", "scenarios", "studies", "vehicles", "effects")
@@ -299,7 +299,8 @@ def _summary(finding: dict[str, Any]) -> list[str]:
         what, unit = missing(unknown)
         lines.append(f"  unknown: a {what} at the {either(balances(unknown))} of {unknown['size']:.3g} {unit}; "
                      f"it goes with {goes_with_words(unknown)}")
-    lines += [f"  cannot be told from {', '.join(rival['effects'])} ({rival['separation_sigma']:.1f} sigma)"
+    open_to = "is not excluded:" if in_doubt(finding) else "cannot be told from"
+    lines += [f"  {open_to} {', '.join(rival['effects'])} ({rival['separation_sigma']:.1f} sigma)"
               for rival in finding["ambiguous_with"]]
     if proposed := finding["next_manoeuvre"]:
         lines.append(f"  drive next: {proposed['kind']} in gear {proposed['gear']}: {proposed['why']}")

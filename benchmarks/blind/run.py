@@ -21,7 +21,7 @@ import numpy as np
 import cosim
 import driveline
 from benchmarks.blind.cases import BlindCase, top_gear
-from benchmarks.blind.score import CATALOGUED, found_sizes, named
+from benchmarks.blind.score import CATALOGUED, NOTHING, found_sizes, named
 from benchmarks.blind.visibility import visibility
 from cosim.diagnosis.catalogue import CATALOGUE, apply_all
 from cosim.diagnosis.hidden import Hidden, hide
@@ -175,7 +175,7 @@ def examined(case: BlindCase, method: str = DIAGNOSE, code: str | None = None) -
         except Exception as error:
             result["error"] = f"{type(error).__name__}: {error}\n{traceback.format_exc(limit=-4)}"
             return result
-    if result["finding"]["verdict"] == "ambiguous" and case.category in CATALOGUED:
+    if result["finding"]["ambiguous_with"] and case.category in (*CATALOGUED, *NOTHING):
         result["again"] = _again(case, result["finding"].get("next_manoeuvre"), method)
     return result
 

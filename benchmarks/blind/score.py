@@ -4,7 +4,7 @@ How a finding is read:
 
 - *first*: the first of ``causes``; nothing is first where the verdict is ``none`` or ``unknown``, or where the
   diagnosis failed. A pair is right first if its two effects are the first two.
-- *stated*: all of ``causes`` and of ``ambiguous_with``.
+- *stated*: all of ``causes`` and of ``ambiguous_with``; where the verdict is ``none``, what is not excluded.
 - *named*: what explains it together, as ``together`` says; the first, where a method does not say that. Such effects
   divide their probability.
 - *confidently wrong*: ``cause`` as the verdict, what is named has 80 % or more together, and not all of it is there.
@@ -29,7 +29,7 @@ from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.effect import EffectParameter
 from cosim.diagnosis.fit.fitting import EFFECT
 from cosim.diagnosis.hidden import VEHICLE
-from cosim.diagnosis.judge.finding import balances, joint_probability
+from cosim.diagnosis.judge.finding import balances, in_doubt, joint_probability
 
 Result = Mapping[str, Any]
 SURE = 0.8
@@ -60,8 +60,8 @@ def listed(finding: Mapping[str, Any] | None) -> list[str]:
 
 
 def stated(finding: Mapping[str, Any] | None) -> set[str]:
-    """Everything that it may be, as the finding says."""
-    if not listed(finding):
+    """Everything that it may be, as the finding says; beside nothing what is not excluded."""
+    if not finding or finding["verdict"] == "unknown":
         return set()
     return set(listed(finding)) | {e for entry in finding["ambiguous_with"] for e in entry["effects"]}
 
@@ -330,6 +330,7 @@ def score(results: Sequence[Result]) -> list[Row]:
     both = single + pair
     inertia = [r for r in both if true_effects(r) & INERTIAS and not true_effects(r) & STIFFNESSES]
     ambiguous = [r for r in both if verdict(r) == "ambiguous"]
+    doubted = [r for r in both if r["finding"] and in_doubt(r["finding"])]
     at_least, at_most = (lambda x: (">=", x)), (lambda x: ("<=", x))
     rows = [
         rate("single", "right cause first", map(right_first, single), at_least(0.8)),
@@ -339,6 +340,7 @@ def score(results: Sequence[Result]) -> list[Row]:
              (in_set(r) for r in single if visible(r)), at_least(0.95)),
         rate("single, smaller than the recordings show", "called none",
              (verdict(r) == "none" for r in single if visible(r) is False)),
+        rate("single, called none", "right cause not excluded", (in_set(r) for r in single if verdict(r) == "none")),
         rate("single", "right first, or ambiguous with what stands first", map(_first_or_ambiguous, single)),
         rate("single", "right cause in the stated set", map(in_set, single), at_least(0.95)),
         mean("single", "stated set, where there is one", (n for r in single if (n := len(stated(r["finding"])))),
@@ -358,6 +360,10 @@ def score(results: Sequence[Result]) -> list[Row]:
         rate("weak", "confidently wrong", map(confidently_wrong, weak)),
         *(rate(name, "false alarms", (verdict(r) != "none" for r in of.get(name, []))) for name in NOTHING),
         rate("null and strange", "false alarms", (verdict(r) != "none" for r in nulls), at_most(0.01)),
+        rate("null and strange", "something not excluded",
+             (in_doubt(r["finding"]) for r in nulls if r["finding"])),
+        rate("null and strange, something not excluded", "ended by the proposed manoeuvre",
+             (_ended(r) for r in nulls if r["finding"] and in_doubt(r["finding"]))),
         rate("an inertia is wrong", "stiffness named", map(stiffness_for_inertia, inertia), at_most(0.0)),
         rate("outside", "called unknown", (verdict(r) == "unknown" for r in outside)),
         rate("outside", "called unknown, at the right balance", map(right_unknown, outside), at_least(0.8)),
@@ -383,6 +389,7 @@ def score(results: Sequence[Result]) -> list[Row]:
         mean("ambiguous", "the same, as it was said to be likely",
              (proposed["chance"] for r in ambiguous
               if "chance" in (proposed := r["finding"].get("next_manoeuvre") or {}))),
+        rate("single and pair, something not excluded", "resolved by the proposed manoeuvre", map(_resolved, doubted)),
         *_cocktail(of.get("cocktail", [])),
         rate("all", "probabilities that sum to more than 1",
              (sum(c["probability"] for c in r["finding"]["causes"]) > 1.0 + 1e-6 for r in results if r["finding"]),
@@ -407,6 +414,12 @@ def _resolved(result: Result) -> bool:
     again = result["again"]
     return bool(again and again["finding"] and again["finding"]["verdict"] == "cause"
                 and right_first({**result, "finding": again["finding"]}))
+
+
+def _ended(result: Result) -> bool:
+    again = result["again"]
+    return bool(again and again["finding"] and again["finding"]["verdict"] == "none"
+                and not in_doubt(again["finding"]))
 
 
 def _coverage(cases: str, hits: list[bool]) -> Row:

@@ -7,7 +7,7 @@ import logging
 import os
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -200,8 +200,9 @@ def _driveline(diagnosis: Diagnosis, car: FullOrderCar, out: Path | None, worker
             if curve is not None:
                 listed = [curve.disturbance, *(d for d in listed if d.place != curve.disturbance.place)]
             _localise(diagnosis, listed)
-        if diagnosis.finding["verdict"] == "ambiguous":
-            say("looking for the manoeuvre that would tell the causes apart")
+        if diagnosis.finding["ambiguous_with"]:
+            say("looking for the manoeuvre that would tell " + (
+                "the causes apart" if found.best.causes else "whether anything is wrong"))
             _propose(diagnosis, search, found)
     diagnosis.suspects = [{"effect": name, "probability": share} for name, share in shares.items()]
     say("what a healthy car would have shown")
@@ -210,8 +211,10 @@ def _driveline(diagnosis: Diagnosis, car: FullOrderCar, out: Path | None, worker
     with Predictor(car, roads, coordinates(car, roads), workers) as freely:
         nominal, healthy = _healthy(freely, found.noise)
     diagnosis.finding["wrong"] = [w.as_json() for w in wrong(runs, nominal, healthy)]
-    roads = [on_its_road(car, predictor.values(point, r)[0], runs[r], floors) for r, point in enumerate(points)]
-    after = Predictor(car, roads, declared).all_runs(points) or nominal
+    after = nominal
+    if found.best.causes:
+        roads = [on_its_road(car, predictor.values(point, r)[0], runs[r], floors) for r, point in enumerate(points)]
+        after = Predictor(car, roads, declared).all_runs(points) or nominal
     for run, before, then in zip(runs, nominal, after):
         for name, place in run.slices.items():
             diagnosis.traces[(run.name, name)] = (run.clocks[name], run.measured[name], before[place], then[place])
@@ -266,6 +269,9 @@ def _localise(diagnosis: Diagnosis, listed: list[Disturbance]) -> None:
 
 
 def _propose(diagnosis: Diagnosis, search: Search, found: Identification) -> None:
+    """What to drive next; where nothing is wrong, to see whether the likeliest of what is not excluded is there."""
+    if not found.best.causes:
+        found = replace(found, best=rivals_of(found)[0][0])
     rivals = [fit for fit, _ in rivals_of(found)[:_COMPARED]]
     if found.apart(found.healthy) < APART:
         rivals.append(found.healthy)

@@ -12,7 +12,15 @@ import numpy as np
 from markupsafe import Markup
 
 from cosim.diagnosis.catalogue import CATALOGUE
-from cosim.diagnosis.judge.finding import balances, believed, either, goes_with_words, joint_probability, missing
+from cosim.diagnosis.judge.finding import (
+    balances,
+    believed,
+    either,
+    goes_with_words,
+    in_doubt,
+    joint_probability,
+    missing,
+)
 from cosim.diagnosis.show.features import WITH_RINGING, WITHOUT_PLACE
 from cosim.measured import CANONICAL
 from cosim.report import svg
@@ -50,7 +58,7 @@ def render(diagnosis: Diagnosis) -> str:
         wrong=[_row(entry) for entry in finding["wrong"][:_LINES]],
         more=max(0, len(finding["wrong"]) - _LINES), story=_story(finding["wrong"]),
         pictures=_pictures(finding["wrong"], traces), shares=_shares(finding, getattr(diagnosis, "suspects", [])),
-        causes=[_cause(c, finding) for c in _likely(finding) or finding["causes"][:1]],
+        causes=[_cause(c, finding) for c in _told(finding)], doubt=in_doubt(finding),
         place=_place(diagnosis), rivals=_rivals(finding),
         next=finding["next_manoeuvre"], unknown=_unknown(finding["unknown"]),
         disturbances=_disturbances(finding["unknown"], getattr(diagnosis, "disturbance", {}),
@@ -102,6 +110,8 @@ def _moved(cause: Mapping[str, Any]) -> str:
 def _head(finding: Mapping[str, Any]) -> str:
     if finding["verdict"] == "unknown" and _named(finding):
         return "Cause found, and something unknown"
+    if in_doubt(finding):
+        return "Nothing wrong for sure"
     return _HEADS[finding["verdict"]]
 
 
@@ -123,12 +133,24 @@ def _headline(finding: Mapping[str, Any]) -> str:
         named = "; ".join(f"{_words(c['effect'])}: {_moved(c)}" for c in _named(finding))
         also = f"{named}; beside that {also}" if named else also
         return also[0].upper() + also[1:]
+    if in_doubt(finding):
+        effects = list(dict.fromkeys(e for rival in finding["ambiguous_with"] for e in rival["effects"]))
+        share = sum(cause["probability"] for cause in causes)
+        return (f"Nothing is significantly wrong, but {either([_words(e) for e in effects])} is not excluded "
+                f"({100.0 * share:.0f} %)")
     return "Nothing is significantly wrong: what differs, tolerance and noise explain"
 
 
 def _about(finding: Mapping[str, Any]) -> list[str]:
     """What the causes named are, in the catalogue's words."""
     return [_summary(c) for c in _named(finding)]
+
+
+def _told(finding: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
+    """The causes that are shown: all that are likely, or else the first; none where nothing is wrong for sure."""
+    if finding["verdict"] == "none" and not in_doubt(finding):
+        return []
+    return _likely(finding) or finding["causes"][:1]
 
 
 def _likely(finding: Mapping[str, Any]) -> list[Mapping[str, Any]]:
@@ -243,7 +265,7 @@ def _window(entry: Mapping[str, Any], clock: np.ndarray, measured: np.ndarray, b
 
 def _shares(finding: Mapping[str, Any], suspects: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Probabilities of causes and of whatever else was looked at; the rest on something else."""
-    if not finding["causes"]:
+    if not _told(finding):
         return []
     found = {c["effect"]: float(c["probability"]) for c in finding["causes"]}
     for suspect in suspects:
@@ -252,7 +274,8 @@ def _shares(finding: Mapping[str, Any], suspects: Iterable[Mapping[str, Any]]) -
     rest = 1.0 - sum(found.values())  # below 0: several act at once
     rows = [{"name": _words(name), "share": share, "rest": False}
             for name, share in sorted(found.items(), key=lambda item: -item[1])[:8]]
-    return rows if rest < 0.0 else [*rows, {"name": "something else", "share": rest, "rest": True}]
+    other = "nothing, or something else" if finding["verdict"] == "none" else "something else"
+    return rows if rest < 0.0 else [*rows, {"name": other, "share": rest, "rest": True}]
 
 
 def _cause(cause: Mapping[str, Any], finding: Mapping[str, Any]) -> dict[str, Any]:
@@ -288,7 +311,7 @@ def _place(diagnosis: Diagnosis) -> dict[str, Any] | None:
     finding = diagnosis.finding
     marked: dict[str, list[str]] = {}
     kinds = []
-    for cause in _likely(finding):
+    for cause in _likely(finding) if finding["verdict"] != "none" else ():
         effect = CATALOGUE.get(cause["effect"])
         if effect is None:
             continue
@@ -323,7 +346,7 @@ def _place(diagnosis: Diagnosis) -> dict[str, Any] | None:
 
 def _rivals(finding: Mapping[str, Any]) -> list[dict[str, str]]:
     rows = []
-    for rival in finding["ambiguous_with"]:
+    for rival in finding["ambiguous_with"] if finding["verdict"] != "none" else ():
         sigma = rival["separation_sigma"]
         said = ("cannot be told apart" if sigma < _SAME else "hardly told apart" if sigma < _CLOSE else "told apart")
         rows.append({"names": " with ".join(map(_words, rival["effects"])), "sigma": f"{sigma:.1f}", "said": said})

@@ -116,8 +116,24 @@ def test_what_is_first_stated_and_named():
     del found["together"]
     assert score.named(found) == ["vehicle_mass"]
     assert score.stated(found) == {"vehicle_mass", "engine_inertia", "tyre_slip", "backlash_size"}
-    for other in ("none", "unknown"):
-        assert not score.listed({**found, "verdict": other}) and not score.stated({**found, "verdict": other})
+    for other, stated in (("none", {"tyre_slip", "backlash_size"}), ("unknown", set())):
+        assert not score.listed({**found, "verdict": other}) and score.stated({**found, "verdict": other}) == stated
+
+
+def test_what_is_not_excluded_is_stated_and_no_alarm():
+    """And what comes of the manoeuvre that was proposed counts for itself, whatever was hidden."""
+    truth, open_to = SINGLE[0], finding("none", [cause("engine_inertia", {}, 0.4)], [["engine_inertia"]])
+    then = finding("cause", [cause("engine_inertia", {})])
+    given = [result("single", open_to, truth, again={"finding": then, "error": None}),
+             result("single", finding("none"), truth), result("null", open_to, again={"finding": open_to}),
+             result("strange", open_to, again={"finding": finding("none")})]
+    found = {key: row.here for key, row in rows(given).items()}
+    assert found["single", "right cause first"] == 0.0 and found["single", "right cause in the stated set"] == 0.5
+    assert found["single, called none", "right cause not excluded"] == 0.5
+    assert found["single and pair, something not excluded", "resolved by the proposed manoeuvre"] == 1.0
+    assert found["null and strange", "false alarms"] == 0.0 and found["null and strange", "something not excluded"] == 1
+    assert found["null and strange, something not excluded", "ended by the proposed manoeuvre"] == 0.5
+    assert ("single and pair", "resolved by the proposed manoeuvre") not in found
 
 
 @pytest.mark.parametrize("verdict, first, second, share, counts", [

@@ -157,6 +157,8 @@ def test_causes_that_act_together_are_told_with_what_they_have_together():
     lines = cli._summary({**FINDING, "causes": [first, second], "together": ["shaft_stiffness", "vehicle_mass"]})
     assert "90 % these together: shaft_stiffness, vehicle_mass" in "\n".join(lines)
     assert "together" not in "\n".join(cli._summary(FINDING))
+    none = "\n".join(cli._summary({**FINDING, "verdict": "none", "together": []}))
+    assert "is not excluded: engine_inertia (2.5 sigma)" in none and "cannot be told" not in none
     assert "drive next: ramp in gear 4: because" in "\n".join(cli._summary(FINDING))
 
 

@@ -5,7 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from cosim.diagnosis import diagnose
 from cosim.diagnosis.diagnose import _reserve
+from cosim.diagnosis.search.identify import Identification
 
 
 @pytest.mark.parametrize(("kinds", "kept"), [
@@ -19,3 +21,20 @@ def test_one_of_three_recordings_is_kept_back_never_the_last(kinds, kept):
     used, reserved = _reserve(runs)
     assert reserved == ([] if kept is None else [runs[kept]])
     assert used == [run for run in runs if run not in reserved]
+
+
+def test_where_nothing_is_wrong_the_likeliest_that_is_not_excluded_is_looked_for(monkeypatch):
+    """As if it were there: what it would have to be told from is nothing wrong, too."""
+    def fit(score, *causes):
+        return SimpleNamespace(causes=causes, effects=causes, score=score, hope=score, near=True)
+
+    healthy, drag, slope = fit(0.0), fit(-0.5, "coulomb_drag"), fit(-4.0, "road_grade")
+    found = Identification(healthy, [healthy, drag, slope], healthy, None, [], {})
+    asked = {}
+
+    def propose(fitter, found, rivals):
+        asked.update(best=found.best, rivals=rivals, lead=found.lead(healthy))
+
+    monkeypatch.setattr(diagnose.proposal, "propose", propose)
+    diagnose._propose(SimpleNamespace(finding={"next_manoeuvre": None}), SimpleNamespace(fitter=None), found)
+    assert asked["best"] is drag and asked["rivals"] == [slope, healthy] and asked["lead"] == -0.5

@@ -200,6 +200,17 @@ def test_the_finding_is_told(pages, base):
     assert "Why" not in words(pages["none"]) and "None" not in words(pages["none"])
 
 
+def test_beside_nothing_what_is_not_excluded_is_told_and_nowhere_else(base):
+    given, doubted = diagnosis(base, "none"), diagnosis(base, "ambiguous").finding
+    given.finding |= {"causes": doubted["causes"][1:]}
+    assert "not excluded" not in render(given) and "38 %" not in render(given)  # one in three alone is no doubt
+    given.finding |= {"ambiguous_with": doubted["ambiguous_with"][:1], "next_manoeuvre": doubted["next_manoeuvre"]}
+    said = " ".join(words(render(given)).split())
+    assert "Nothing wrong for sure Nothing is significantly wrong, but wheel speed delay is not excluded (38 %)" in said
+    assert "What is not excluded wheel speed delay, 38 %" in said and "tip-in in gear 3" in said
+    assert "nothing, or something else 59 %" in said and "It is in" not in said and "Why" not in said
+
+
 def test_a_confirmed_cause_beside_something_unknown_is_named(base):
     given = diagnosis(base, "unknown")
     given.finding |= {key: diagnosis(base, "cause").finding[key] for key in ("together", "causes")}

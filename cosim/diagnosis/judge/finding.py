@@ -43,6 +43,11 @@ def joint_probability(finding: Mapping[str, Any], effects: Collection[str]) -> f
     return sum(cause["probability"] for cause in finding["causes"] if cause["effect"] in effects)
 
 
+def in_doubt(finding: Mapping[str, Any]) -> bool:
+    """Whether nothing is named, but something is not excluded either: ``ambiguous_with`` says what."""
+    return finding["verdict"] == "none" and bool(finding["ambiguous_with"])
+
+
 def believed(finding: Mapping[str, Any]) -> bool:
     """Whether what explains it together is meant: beside something unknown it mostly only imitates that."""
     return finding["verdict"] != "unknown" or joint_probability(finding, finding["together"]) >= 0.5

@@ -18,6 +18,8 @@ from cosim.diagnosis.search.detectable import would_show
 from cosim.diagnosis.search.identify import APART, Identification
 
 LIKELY = 0.05  # causes less probable are not listed
+# Of all causes together, from which on a verdict of none says what is not excluded: one chance in five (a judgement).
+_DOUBT = 0.2
 # Of the logarithm of what is left over what should be, root mean square over the runs: more, and the catalogue does
 # not explain it. A run of which something is missing weighs more than a little in each.
 STRANGE = 0.08
@@ -58,6 +60,13 @@ def rivals_of(found: Identification) -> list[tuple[Fit, float]]:
             if distance < APART:
                 rivals.append((fit, distance))
     return rivals
+
+
+def not_excluded(rivals: Sequence[tuple[Fit, float]], shares: Mapping[str, float]) -> list[tuple[Fit, float]]:
+    """Rivals of a healthy car that are likely enough to be told; none where all causes together are not."""
+    if sum(shares.values()) < _DOUBT:
+        return []
+    return [(fit, distance) for fit, distance in rivals if all(shares[effect] > LIKELY for effect in fit.effects)]
 
 
 def told_once(best: Fit, rivals: Sequence[tuple[Fit, float]]) -> list[dict[str, Any]]:
@@ -129,9 +138,10 @@ def finding_of(predictor: Predictor, found: Identification, left: dict[str, Any]
         verdict = "none"
     else:
         verdict = "ambiguous" if rivals else "cause"
+    open_to = {"ambiguous": rivals, "none": not_excluded(rivals, shares)}.get(verdict, [])
     return {
         "verdict": verdict, "wrong": [], "causes": causes, "together": [*best.effects],
-        "ambiguous_with": told_once(best, rivals) if verdict == "ambiguous" else [],
+        "ambiguous_with": told_once(best, open_to),
         "next_manoeuvre": None, "unknown": None, "left_over": left, "extension": None, "gain": None,
         "would_show": would_show(found.detectable, predictor.coordinates, predictor.car.values)}
 

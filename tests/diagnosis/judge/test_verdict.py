@@ -11,6 +11,7 @@ from cosim.diagnosis.judge.verdict import (
     beside_unknown,
     counted,
     is_strange,
+    not_excluded,
     probabilities,
     told_once,
 )
@@ -52,3 +53,12 @@ def test_what_it_could_be_as_well_is_told_once_at_its_nearest():
     assert told_once(best, list(zip(others, (0.4, 0.2, 1.0)))) == [
         {"effects": ["rolling_resistance"], "separation_sigma": 0.2},
         {"effects": ["coulomb_drag"], "separation_sigma": 1.0}]
+
+
+@pytest.mark.parametrize(("shares", "told"), [
+    ((0.1, 0.05, 0.0), []),  # less than one in five together
+    ((0.4, 0.06, 0.01), [0, 1])])
+def test_beside_a_healthy_car_what_is_likely_is_not_excluded(shares, told):
+    names = ("coulomb_drag", "road_grade", "vehicle_mass")
+    rivals = [(SimpleNamespace(effects=(name,)), 0.5) for name in names]
+    assert not_excluded(rivals, dict(zip(names, shares))) == [rivals[i] for i in told]
