@@ -116,8 +116,10 @@ def _parser() -> argparse.ArgumentParser:
                       help="of the hidden plant (default: other for a third of all seeds)")
     hide.add_argument("--drift", choices=("nuisance", "all", "none"), default="nuisance",
                       help="which other parameters are off by 3 to 5 percent (default: those no effect names)")
-    hide.add_argument("--manoeuvres", metavar="KIND:GEAR,...",
-                      help="the recordings, tip_in:5:back with the road driven the other way (default: six usual ones)")
+    hide.add_argument("--manoeuvres", action="extend", metavar="KIND:GEAR,...",
+                      type=lambda listed: listed.split(","),
+                      help="the recordings, tip_in:5:back with the road driven the other way; may be repeated "
+                           "(default: six usual ones)")
     hide.add_argument("--truth", type=Path, metavar="FILE",
                       help="where what is hidden is written, outside DIR (default: DIR.truth.json)")
     command("demo", _demo, "the main job in about a minute, on what the package ships", "out/demo")
@@ -319,12 +321,11 @@ def _hide(options: argparse.Namespace) -> tuple[Any, str]:
 
     out = options.out or Path("out/hidden")
     truth = options.truth or out.with_name(out.name + ".truth.json")
-    manoeuvres = options.manoeuvres.split(",") if options.manoeuvres else None
     began = time.perf_counter()
     try:
         with _progress("hide", 0.0, 1.0) as progress:
             hide(options.effects, options.seed, out, vehicle=options.vehicle, variant=options.variant,
-                 structure=options.structure, drift=options.drift, manoeuvres=manoeuvres, truth=truth,
+                 structure=options.structure, drift=options.drift, manoeuvres=options.manoeuvres, truth=truth,
                  progress=progress)
     except OSError as error:
         raise InputError(f"--out {out}: {error}: a folder that can be written to is needed") from error

@@ -162,6 +162,14 @@ def test_causes_that_act_together_are_told_with_what_they_have_together():
     assert "drive next: ramp in gear 4: because" in "\n".join(cli._summary(FINDING))
 
 
+def test_manoeuvres_to_hide_in_are_listed_or_repeated(monkeypatch):
+    asked = []
+    monkeypatch.setattr("cosim.diagnosis.hidden.hide", lambda *args, manoeuvres, **kwargs: asked.append(manoeuvres))
+    for given in ([], ["--manoeuvres", "tip_in:5,ramp:6"], ["--manoeuvres", "tip_in:5", "--manoeuvre", "ramp:6"]):
+        assert cli.main(["hide", "--seed", "1", "--quiet", *given]) == 0
+    assert asked == [None, ["tip_in:5", "ramp:6"], ["tip_in:5", "ramp:6"]]
+
+
 @pytest.fixture
 def diagnosing(monkeypatch):
     """What ``diagnose`` writes and then raises, in place of the pipeline; its options as they arrive."""
