@@ -3,7 +3,8 @@
     python -m benchmarks.blind --cases 30 --workers 2
 
 ``cases`` says what is hidden, ``run`` lets the diagnosis loose on it, ``baselines`` are simpler methods on the
-same cases, ``score`` compares with the truth and the targets.
+same cases. ``reading`` puts a finding beside the truth, ``figures`` are rates and medians beside targets,
+``score`` is the table of them, ``failures`` tells what was not right.
 """
 
 import os

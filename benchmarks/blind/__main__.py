@@ -22,9 +22,13 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from benchmarks.blind import baselines, score
+from benchmarks.blind import baselines
 from benchmarks.blind import run as blind
 from benchmarks.blind.cases import ANY, CATEGORIES, cases, wanted
+from benchmarks.blind.failures import confusions, line
+from benchmarks.blind.figures import HEADS, rate, reliability
+from benchmarks.blind.reading import NOTHING, forecasts, is_right
+from benchmarks.blind.score import score
 from cosim.diagnosis.hidden import VEHICLE
 from cosim.files import write_text
 from cosim.studies.sweep import cores
@@ -64,17 +68,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def report(results: Sequence[dict[str, Any]], compared: Sequence[dict[str, Any]]) -> tuple[str, dict[str, Any]]:
     """The text that is printed, and everything for programs."""
-    rows = score.score(results)
+    rows = score(results)
     versions = {r["code"] for r in results}
     parts = [f"{len(results)} cases: " + ", ".join(
         f"{n} {name}" for name in CATEGORIES if (n := sum(r["category"] == name for r in results)))]
     if versions - {blind.fingerprint()}:
         parts.append("These results are of another version of the code than the present one.")
-    parts += ["", *markdown(score.HEADS, [row.cells() for row in rows])]
-    nothing = sum(r["category"] in score.NOTHING for r in results)
+    parts += ["", *markdown(HEADS, [row.cells() for row in rows])]
+    nothing = sum(r["category"] in NOTHING for r in results)
     if nothing:
         parts += ["", _supported(nothing)]
-    table = score.reliability(score.forecasts(r for r in results if r["category"] not in ("pair", "cocktail")))
+    table = reliability(forecasts(r for r in results if r["category"] not in ("pair", "cocktail")))
     if table:
         parts += ["", "Probabilities, without pairs and cocktails:", "", *markdown(
             ("said", "mean said", "was so", "n"),
@@ -83,8 +87,8 @@ def report(results: Sequence[dict[str, Any]], compared: Sequence[dict[str, Any]]
     against = baselines.rows(results, compared)
     if against:
         parts += ["", "The same cases by simpler methods:", "", *markdown(baselines.HEADS, against)]
-    wrong = [score.line(r) for r in results if not score.is_right(r)]
-    confused = score.confusions(results)
+    wrong = [line(r) for r in results if not is_right(r)]
+    confused = confusions(results)
     if confused:
         parts += ["", "Taken for another (hidden -> found):", "", *(f"- {n} x {k}" for k, n in confused.items())]
     if wrong:
@@ -97,7 +101,7 @@ def report(results: Sequence[dict[str, Any]], compared: Sequence[dict[str, Any]]
 
 def _supported(count: int) -> str:
     """What so many cases with nothing in them can show at most."""
-    best = score.rate("", "", [False] * count)
+    best = rate("", "", [False] * count)
     return (f"Even without a single false alarm {count} cases with nothing hidden show no more than a rate below "
             f"{100.0 * best.high:.2g} % (95 %); 1 % takes 381 of them.")
 
@@ -141,7 +145,7 @@ def _progress(title: str, quiet: bool) -> Iterator[Any]:
         def told(share: float, result: dict[str, Any]) -> None:
             bar.update(task, completed=share)
             if not quiet:
-                console.print(("      " if score.is_right(result) else "wrong ") + score.line(result))
+                console.print(("      " if is_right(result) else "wrong ") + line(result))
 
         yield told
 

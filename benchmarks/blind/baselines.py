@@ -27,9 +27,10 @@ from typing import Any
 import numpy as np
 from scipy.signal import savgol_filter
 
+from benchmarks.blind import reading
 from benchmarks.blind import run as blind
-from benchmarks.blind import score
 from benchmarks.blind.cases import BlindCase
+from benchmarks.blind.figures import median, rate
 from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.fit.predict import RUN_NUISANCES, Predictor, coordinates
 from cosim.diagnosis.plants import FullOrderCar, Run
@@ -97,16 +98,16 @@ def _figures(results: Sequence[dict[str, Any]]) -> list[str]:
         return [r for r in results if r["category"] in names]
 
     def share(hits: list[bool]) -> str:
-        row = score.rate("", "", hits)
+        row = rate("", "", hits)
         return "" if row.here is None else f"{100 * row.here:.0f} % ({100 * row.low:.0f} to {100 * row.high:.0f})"
 
-    errors = score.median("", "", (e for r in of("single") for e in score.size_errors(r)))
-    held = [hit for r in of("single") for hit in score.covered(r)]
+    errors = median("", "", (e for r in of("single") for e in reading.size_errors(r)))
+    held = [hit for r in of("single") for hit in reading.covered(r)]
     times = [r["seconds"] for r in results if r["seconds"] is not None]
-    return [share([score.right_first(r) for r in of("single")]), share([score.right_first(r) for r in of("pair")]),
-            share([score.verdict(r) != "none" for r in of(*score.NOTHING)]),
-            str(sum(score.stiffness_for_inertia(r) for r in of(*score.CATALOGUED))),
-            share([score.confidently_wrong(r) for r in of("outside")]),
+    return [share([reading.right_first(r) for r in of("single")]), share([reading.right_first(r) for r in of("pair")]),
+            share([reading.verdict(r) != "none" for r in of(*reading.NOTHING)]),
+            str(sum(reading.stiffness_for_inertia(r) for r in of(*reading.CATALOGUED))),
+            share([reading.confidently_wrong(r) for r in of("outside")]),
             "" if errors.here is None else f"{100 * errors.here:.1f} %", share(held),
             f"{np.median(times):.0f}" if times else ""]
 

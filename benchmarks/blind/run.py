@@ -21,7 +21,7 @@ import numpy as np
 import cosim
 import driveline
 from benchmarks.blind.cases import BlindCase, top_gear
-from benchmarks.blind.score import CATALOGUED, NOTHING, found_sizes, named
+from benchmarks.blind.reading import CATALOGUED, NOTHING, found_sizes, named
 from benchmarks.blind.visibility import visibility
 from cosim.diagnosis.catalogue import CATALOGUE, apply_all
 from cosim.diagnosis.hidden import Hidden, hide

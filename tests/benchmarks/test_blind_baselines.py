@@ -2,7 +2,7 @@
 
 import pytest
 
-from benchmarks.blind import baselines, score
+from benchmarks.blind import baselines, reading
 from benchmarks.blind import run as blind
 from benchmarks.blind.cases import BlindCase
 from cosim.diagnosis.fit.predict import Predictor, coordinates
@@ -33,14 +33,14 @@ def test_least_squares_find_a_small_effect_among_a_few(tmp_path, name, size):
     few = squares(tmp_path / "m", [f"{name}={size}"])
     for method in (baselines.fit_all, baselines.bic):
         found = {**truth(name, size), "finding": method(few)}
-        assert score.right_first(found), method.__name__
-        assert max(score.size_errors(found)) < 0.1, method.__name__
+        assert reading.right_first(found), method.__name__
+        assert max(reading.size_errors(found)) < 0.1, method.__name__
 
 
 def test_sparse_regression_finds_a_zero_that_is_off(tmp_path):
     pytest.importorskip("pysindy", reason="pysindy is not installed: extra `blind`")
     few = squares(tmp_path / "m", ["torque_meter_offset=60"])
-    assert score.right_first({**truth("torque_meter_offset", 60.0), "finding": baselines.sparse_regression(few)})
+    assert reading.right_first({**truth("torque_meter_offset", 60.0), "finding": baselines.sparse_regression(few)})
 
 
 def test_a_method_that_fails_is_a_result_and_stands_in_the_table(monkeypatch):

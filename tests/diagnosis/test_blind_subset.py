@@ -6,8 +6,9 @@ getting right.
 
 import pytest
 
-from benchmarks.blind import score
+from benchmarks.blind import reading
 from benchmarks.blind.cases import cases
+from benchmarks.blind.failures import line
 from benchmarks.blind.run import examined
 from cosim.studies.sweep import Case, Sweep, cores
 
@@ -22,7 +23,7 @@ def results():
     jobs = [Case(case.name, examined, {"case": case}) for case in cases(counts, manoeuvres=("tip_in:5",))
             if case.name in CHOSEN]
     found = Sweep(workers=min(cores(), 4)).run(jobs)
-    print(*(score.line(result) for result in found.values()), sep="\n")
+    print(*(line(result) for result in found.values()), sep="\n")
     return found
 
 
@@ -30,7 +31,7 @@ def results():
 def test_what_was_hidden_is_what_is_found(results, name):
     result = results[name]
     assert result["error"] is None
-    assert score.is_right(result), score.line(result)
-    if result["category"] in score.CATALOGUED:
-        assert max(score.size_errors(result)) < 0.25, score.line(result)
-    assert not score.confidently_wrong(result)
+    assert reading.is_right(result), line(result)
+    if result["category"] in reading.CATALOGUED:
+        assert max(reading.size_errors(result)) < 0.25, line(result)
+    assert not reading.confidently_wrong(result)
