@@ -111,7 +111,7 @@ def _head(finding: Mapping[str, Any]) -> str:
     if finding["verdict"] == "unknown" and _named(finding):
         return "Cause found, and something unknown"
     if in_doubt(finding):
-        return "Nothing wrong for sure"
+        return "Nothing proven wrong"
     return _HEADS[finding["verdict"]]
 
 
@@ -147,7 +147,7 @@ def _about(finding: Mapping[str, Any]) -> list[str]:
 
 
 def _told(finding: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
-    """The causes that are shown: all that are likely, or else the first; none where nothing is wrong for sure."""
+    """The causes that are shown: all that are likely, or else the first; none where all are excluded."""
     if finding["verdict"] == "none" and not in_doubt(finding):
         return []
     return _likely(finding) or finding["causes"][:1]

@@ -206,7 +206,7 @@ def test_beside_nothing_what_is_not_excluded_is_told_and_nowhere_else(base):
     assert "not excluded" not in render(given) and "38 %" not in render(given)  # one in three alone is no doubt
     given.finding |= {"ambiguous_with": doubted["ambiguous_with"][:1], "next_manoeuvre": doubted["next_manoeuvre"]}
     said = " ".join(words(render(given)).split())
-    assert "Nothing wrong for sure Nothing is significantly wrong, but wheel speed delay is not excluded (38 %)" in said
+    assert "Nothing proven wrong Nothing is significantly wrong, but wheel speed delay is not excluded (38 %)" in said
     assert "What is not excluded wheel speed delay, 38 %" in said and "tip-in in gear 3" in said
     assert "nothing, or something else 59 %" in said and "It is in" not in said and "Why" not in said
 
