@@ -21,6 +21,7 @@ from typing import Any
 from cosim.diagnosis.judge.finding import balances, either, goes_with_words, in_doubt, joint_probability, missing
 from driveline.quantities import InputError
 
+log = logging.getLogger("cosim")
 LISTS = ("fmus", "scenarios", "studies", "vehicles", "effects")
 _DIAGNOSED = ("finding.json", "report.html", "extended.toml", "*_extended.fmu")  # what a diagnosis writes
 _OK, _FAILED, _WRONG_INPUT, _INTERRUPTED = 0, 1, 2, 130
@@ -33,10 +34,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         The exit code.
     """
     options = _parser().parse_args(arguments)
-    logging.basicConfig(format="%(message)s", stream=sys.stderr, force=True,
-                        level=logging.WARNING if options.quiet else logging.INFO)
-    for noisy in ("matplotlib", "numba", "pint"):
-        logging.getLogger(noisy).setLevel(logging.WARNING)
+    logging.basicConfig(format="%(message)s", stream=sys.stderr, force=True, level=logging.WARNING)
+    for own in ("cosim", "driveline"):  # libraries say only what is wrong
+        logging.getLogger(own).setLevel(logging.WARNING if options.quiet else logging.INFO)
     try:
         with _standard_output(options.json) as write:
             answer, text = options.command(options)
@@ -130,7 +130,7 @@ def _build(options: argparse.Namespace) -> tuple[Any, str]:
     out = _writable(options.out or Path("build/fmus"))
     built = []
     for path in _build_fmus(out):
-        logging.info("built %s", path)
+        log.info("built %s", path)
         built.append(str(path))
     return {"fmus": built}, "\n".join(built)
 
@@ -337,7 +337,7 @@ def _demo(options: argparse.Namespace) -> tuple[Any, str]:
     from cosim import demo
 
     out = _writable(options.out or Path("out/demo"))
-    answer = demo.run(out, _build_fmus, logging.info)
+    answer = demo.run(out, _build_fmus, log.info)
     text = [f"demo: done in {answer['seconds']:.1f} s; the measurement is generated, with a heavier vehicle "
             "and softer axle shafts than the model has", *_comparison_table(answer["comparison"])]
     return answer, "\n".join([*text, *answer["files"]])
@@ -378,7 +378,7 @@ def _all_or_nothing(out: Path, patterns: Sequence[str]) -> Iterator[Path]:
 def _telling(title: str) -> Iterator[Callable[[str], None]]:
     """How to say what is being done: lines on standard error, one that changes where that is a terminal."""
     if not sys.stderr.isatty():
-        yield logging.info
+        yield log.info
         return
     from rich.console import Console
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn

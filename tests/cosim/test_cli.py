@@ -1,6 +1,7 @@
 """The command: exit codes, what stands where, and nothing half-written."""
 
 import json
+import logging
 import os
 import re
 import signal
@@ -168,6 +169,18 @@ def test_manoeuvres_to_hide_in_are_listed_or_repeated(monkeypatch):
     for given in ([], ["--manoeuvres", "tip_in:5,ramp:6"], ["--manoeuvres", "tip_in:5", "--manoeuvre", "ramp:6"]):
         assert cli.main(["hide", "--seed", "1", "--quiet", *given]) == 0
     assert asked == [None, ["tip_in:5", "ramp:6"], ["tip_in:5", "ramp:6"]]
+
+
+@pytest.mark.parametrize(("options", "said"), [([], ["ours"]), (["--quiet"], [])])
+def test_libraries_say_only_what_is_wrong(monkeypatch, capfd, options, said):
+    def lists(options):
+        logging.getLogger("cosim").info("ours")
+        logging.getLogger("of_a_library").info("theirs")
+        return {}, ""
+
+    monkeypatch.setattr(cli, "_list", lists)
+    assert cli.main(["list", *options]) == 0
+    assert capfd.readouterr().err.split() == said
 
 
 @pytest.fixture
