@@ -109,7 +109,7 @@ def diagnose(path: Path, out: Path | None = None, *, workers: int | None = None,
     diagnosis.seconds = time.perf_counter() - began
     diagnosis.finding["notices"], diagnosis.finding["run_seconds"] = diagnosis.notices, diagnosis.seconds
     if out is not None:
-        from cosim.report.diagnosis_html import render
+        from cosim.report.diagnosis.page import render
 
         write_text(out / "report.html", render(diagnosis))
         write_text(out / "finding.json", json.dumps(diagnosis.finding, indent=2) + "\n")

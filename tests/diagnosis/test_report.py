@@ -16,7 +16,7 @@ from cosim.diagnosis.plants import FullOrderCar, Nuisance
 from cosim.diagnosis.show.residuals import wrong
 from cosim.measured import load
 from cosim.report import svg
-from cosim.report.diagnosis_html import render
+from cosim.report.diagnosis.page import render
 
 VERDICTS = ("cause", "ambiguous", "unknown", "none")
 WIDTHS = (1200, 800, 400)

@@ -1,0 +1,198 @@
+"""The page: what a finding says, as its template has it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import jinja2
+import numpy as np
+from markupsafe import Markup
+
+from cosim.diagnosis.catalogue import CATALOGUE
+from cosim.diagnosis.judge.finding import balances, either, goes_with_words, in_doubt, joint_probability, missing
+from cosim.report import svg
+from cosim.report.diagnosis.pictures import over_time, what_is_missing
+from cosim.report.diagnosis.text import chance, dotted, rounded, shown_unit, words
+from cosim.report.diagnosis.verdict import about, headline, likely_causes, moved, shown_causes, story, summary, tag
+
+if TYPE_CHECKING:
+    from cosim.diagnosis.diagnose import Diagnosis
+
+_LINES = 12  # of the table of what is wrong
+_PLACES = ("engine", "converter", "transmission", "propeller shaft", "axle", "wheel", "vehicle")
+_SENSORS = {"engine_speed": "engine", "turbine_speed": "transmission", "vehicle_speed": "vehicle",
+            "transmission_output_speed": "propeller shaft", "propeller_shaft_torque": "propeller shaft",
+            "wheel_speed": "wheel", "seat_acceleration": "vehicle", "differential_acceleration": "axle",
+            "engine_torque": "engine", "road_grade": "vehicle", "brake_torque": "wheel"}
+_SAME, _CLOSE = 2.0, 3.0  # sigma: below, causes cannot be told apart, or hardly
+
+
+def render(diagnosis: Diagnosis) -> str:
+    """The page as HTML; it needs nothing else to be shown."""
+    finding = dict.fromkeys(("next_manoeuvre", "unknown", "extension", "gain")) | diagnosis.finding
+    traces = diagnosis.traces
+    return _PAGE.render(
+        title=f"Diagnosis of {diagnosis.measurement.name}", verdict=finding["verdict"],
+        head=tag(finding), headline=headline(finding), about=about(finding),
+        vehicle=diagnosis.car.source.name, variant=diagnosis.car.source.variant,
+        recordings=[run.name for run in diagnosis.runs], reserved=[run.name for run in diagnosis.reserved],
+        channels=sorted({words(name) for run in diagnosis.runs for name in run.clocks}),
+        wrong=[_row(entry) for entry in finding["wrong"][:_LINES]],
+        more=max(0, len(finding["wrong"]) - _LINES), story=story(finding["wrong"]),
+        pictures=over_time(finding["wrong"], traces), shares=_shares(finding, getattr(diagnosis, "suspects", [])),
+        causes=[_cause(c, finding) for c in shown_causes(finding)], doubt=in_doubt(finding),
+        place=_place(diagnosis), rivals=_rivals(finding),
+        next=finding["next_manoeuvre"], unknown=_unknown(finding["unknown"]),
+        disturbances=what_is_missing(finding["unknown"], getattr(diagnosis, "disturbance", {}),
+                                     [run.name for run in diagnosis.runs]),
+        gain=_gain(finding["gain"]), extension=finding["extension"], notices=diagnosis.notices,
+        seconds=diagnosis.seconds, **_detectable(finding.get("would_show", ())))
+
+
+def _unknown(unknown: Mapping[str, Any] | None) -> dict[str, Any] | None:
+    """What is missing, where, and what it goes with, in words."""
+    if not unknown:
+        return None
+    what, unit = missing(unknown)
+    return {"place": unknown.get("place", unknown["balance"]), "what": what, "unit": shown_unit(unit),
+            "others": balances(unknown)[1:], "size": unknown["size"], "goes_with": goes_with_words(unknown)}
+
+
+def _row(entry: Mapping[str, Any]) -> dict[str, Any]:
+    """A line of the table of what is wrong."""
+    factor, unit = (1e3, "ms") if entry["unit"] == "s" else (1.0, shown_unit(entry["unit"]))
+    keys = {"size": 3, "low90": 3, "high90": 3, "measured": 4, "simulated": 4, "noise_floor": 2}
+    numbers = {key: rounded(entry.get(key), factor, digits, abs(entry["size"])) for key, digits in keys.items()}
+    return {**entry, **numbers, "signal": words(entry["signal"]), "unit": unit, "what": dotted(entry["what"]),
+            "chance": chance(entry["p_value"])}
+
+
+def _shares(finding: Mapping[str, Any], suspects: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Probabilities of causes and of whatever else was looked at; the rest on something else."""
+    if not shown_causes(finding):
+        return []
+    found = {c["effect"]: float(c["probability"]) for c in finding["causes"]}
+    for suspect in suspects:
+        if suspect["probability"] >= 0.01:
+            found.setdefault(suspect["effect"], float(suspect["probability"]))
+    rest = 1.0 - sum(found.values())  # below 0: several act at once
+    rows = [{"name": words(name), "share": share, "rest": False}
+            for name, share in sorted(found.items(), key=lambda item: -item[1])[:8]]
+    other = "nothing, or something else" if finding["verdict"] == "none" else "something else"
+    return rows if rest < 0.0 else [*rows, {"name": other, "share": rest, "rest": True}]
+
+
+def _cause(cause: Mapping[str, Any], finding: Mapping[str, Any]) -> dict[str, Any]:
+    effect = CATALOGUE.get(cause["effect"])
+    said, together = f"{100.0 * cause['probability']:.0f} %", finding["together"]
+    if len(together) > 1 and cause["effect"] in together:  # they divide their probability
+        others = "other" if len(together) == 2 else "others"
+        said = f"{100.0 * joint_probability(finding, together):.0f} % together with the {others}"
+    return {"name": words(cause["effect"]), "said": said, "moved": moved(cause),
+            "summary": summary(cause),
+            "parameters": [_parameter(name, p, effect) for name, p in cause["parameters"].items()]}
+
+
+def _parameter(name: str, p: Mapping[str, Any], effect: Any) -> dict[str, Any]:
+    declared = next((d for d in (*effect.parameters, *effect.elsewhere) if d.name == name), None) if effect else None
+    low, high = declared.limits if declared else (-np.inf, np.inf)
+    if declared and declared.scale == "log":
+        low, high = sorted((low * p["nominal"], high * p["nominal"]))
+    elif declared:
+        low, high = low + p["nominal"], high + p["nominal"]
+    unit = shown_unit(p["unit"])
+    drawn = svg.interval(p["nominal"], p["value"], p["low90"], p["high90"], (low, high), unit,
+                         f"{words(name)}: file, found and 90 % interval")
+    return {"name": words(name), "meaning": declared.meaning if declared else "", "unit": unit,
+            "nominal": svg.number(p["nominal"]), "value": svg.number(p["value"]),
+            "low": svg.number(p["low90"]), "high": svg.number(p["high90"]),
+            "plausible": bool(low <= p["value"] <= high), "limits": f"{svg.number(low, 3)} to {svg.number(high, 3)}",
+            "bounded": bool(np.isfinite(low) and np.isfinite(high)), "svg": Markup(drawn)}
+
+
+def _place(diagnosis: Diagnosis) -> dict[str, Any] | None:
+    """Where it is: sensor, input or plant, on a sketch of the driveline."""
+    finding = diagnosis.finding
+    marked: dict[str, list[str]] = {}
+    kinds = []
+    for cause in likely_causes(finding) if finding["verdict"] != "none" else ():
+        effect = CATALOGUE.get(cause["effect"])
+        if effect is None:
+            continue
+        kind, _, name = effect.acts_on.partition(" ")
+        if kind in ("sensor", "input"):
+            marked.setdefault(_SENSORS.get(name, name), []).append(f"{kind}: {words(name)}")
+        else:
+            kind = "plant"
+            marked.setdefault(effect.acts_on, []).append(words(cause["effect"]))
+        kinds.append(kind)
+    if finding["verdict"] == "unknown" and finding.get("unknown"):
+        for balance in balances(finding["unknown"]):
+            marked.setdefault(balance, []).append(f"missing {missing(finding['unknown'])[0]}")
+        kinds.append("plant")
+    if not kinds:
+        return None
+    drawn = None
+    if diagnosis.car.name == "plant_fom" and set(marked) <= set(_PLACES):
+        drawn = Markup(svg.chain(_PLACES, {k: ", ".join(dict.fromkeys(v)) for k, v in marked.items()},
+                                 "where it is: " + ", ".join(marked)))
+    what = "car" if diagnosis.car.name == "plant_fom" else "bench"
+    said = {"sensor": "in a sensor", "input": "in what drives the simulation", "plant": f"in the {what} itself"}
+    places = [said[kind] for kind in dict.fromkeys(kinds)]
+    if len(places) == 1:
+        where = places[0] + ("" if kinds[0] == "plant" else f"; the {what} itself is as its file says")
+    elif finding["verdict"] == "ambiguous":
+        where = either(places)
+    else:
+        where = ", ".join(f"partly {place}" for place in places)
+    return {"where": where, "places": ", ".join(marked), "svg": drawn}
+
+
+def _rivals(finding: Mapping[str, Any]) -> list[dict[str, str]]:
+    rows = []
+    for rival in finding["ambiguous_with"] if finding["verdict"] != "none" else ():
+        sigma = rival["separation_sigma"]
+        said = ("cannot be told apart" if sigma < _SAME else "hardly told apart" if sigma < _CLOSE else "told apart")
+        rows.append({"names": " with ".join(map(words, rival["effects"])), "sigma": f"{sigma:.1f}", "said": said})
+    return rows
+
+
+def _detectable(would_show: Sequence[Mapping[str, Any]]) -> dict[str, list]:
+    """What the recordings would have shown, and what not however large it is."""
+    shown, hidden = [], []
+    for row in would_show:
+        if row["below"] is None and row["above"] is None:
+            hidden.append(words(row["parameter"]))
+            continue
+        ends = {end: "" if row[end] is None else svg.number(row[end]) for end in ("below", "above")}
+        shown.append({"effect": words(row["effect"]), "parameter": words(row["parameter"]), **ends,
+                      "nominal": svg.number(row["nominal"]), "unit": shown_unit(row["unit"])})
+    return {"shown": shown, "hidden": hidden}
+
+
+def _gain(gain: Mapping[str, Any] | None) -> dict[str, Any] | None:
+    if not gain or not gain["held_out"]:
+        return None
+    signals: dict[str, list[Mapping[str, Any]]] = {}
+    for row in gain["held_out"]:
+        signals.setdefault(row["signal"], []).append(row)
+
+    def typical(rows: Sequence[Mapping[str, Any]], key: str) -> float:
+        return 100.0 * float(np.median([row.get(key) or 0.0 for row in rows]))
+
+    rows = [(words(name), *(typical(found, key) for key in ("nrmse_before", "nrmse_after", "noise_floor")))
+            for name, found in signals.items()]
+    rows.sort(key=lambda row: row[2] - row[1])
+    return {"before": f"{np.median([r[1] for r in rows]):.2g}", "after": f"{np.median([r[2] for r in rows]):.2g}",
+            "svg": Markup(svg.dumbbells(rows, "error before and after, signal by signal")),
+            "rows": [{**row, "signal": words(row["signal"])} for row in gain["held_out"]],
+            "fraction": gain.get("fraction_of_noise_floor"), "remains": gain.get("remains"),
+            "features": [{**row, "signal": words(row["signal"]), "unit": shown_unit(row["unit"]),
+                          **{key: svg.number(row[key]) for key in ("measured", "before", "after")}}
+                         for row in gain.get("features") or []],
+            "estimators": gain.get("estimators") or []}
+
+
+_PAGE = jinja2.Environment(loader=jinja2.PackageLoader("cosim.report.diagnosis", ""), autoescape=True, trim_blocks=True,
+                           lstrip_blocks=True, undefined=jinja2.StrictUndefined).get_template("page.html.jinja")
