@@ -1,4 +1,4 @@
-"""Pictures; the only place that knows matplotlib."""
+"""Pictures, and the page of a diagnosis; the only place that knows matplotlib."""
 
 from cosim.report.plots import plot_comparison, plot_signals
 
