@@ -16,7 +16,7 @@ ALLOWED = {"driveline": {"numpy"}, "fmus": {"driveline"}, "cosim": {"driveline"}
 OURS = set(ALLOWED) | {"tests", "benchmarks", "build_fmus"}
 # Rooms of the diagnosis from the ground up; `show` and `hidden` know what is below them, not what is beside.
 DIAGNOSIS = {"effect": (), "effects": ("effect",), "catalogue": ("effect", "effects"), "plants": ("effect",),
-             "fit": ("effect", "catalogue", "plants"), "search": ("fit",),
+             "fit": ("effect", "catalogue", "plants"), "search": ("catalogue", "fit"),
              "judge": ("effect", "catalogue", "plants", "fit", "search"), "show": ("plants",),
              "gain": ("plants", "show", "judge"), "benches": ("effect", "catalogue", "plants", "fit", "judge"),
              "hidden": ("effect", "catalogue")}

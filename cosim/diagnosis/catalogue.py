@@ -45,6 +45,15 @@ def bend_one_curve(parameters: Collection[str]) -> bool:
     return any(name in parameters and other in parameters for name, other in _SAME_AS.items())
 
 
+def push_alike(one: Collection[str], other: Collection[str]) -> bool:
+    """Whether some effects differ from others by one in place of another that does the same (``pushes_like``)."""
+    def alike(a: str, b: str) -> bool:
+        return any(x in CATALOGUE and y in CATALOGUE[x].pushes_like for x, y in ((a, b), (b, a)))
+
+    gone, come = set(one) - set(other), set(other) - set(one)
+    return bool(gone and come) and all(alike(a, b) for a in gone for b in come)
+
+
 def apply(effect: Effect, sizes: Values, values: Values) -> dict[str, float]:
     """All values, with the effect in them.
 

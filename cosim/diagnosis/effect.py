@@ -135,6 +135,7 @@ class Effect:
         elsewhere: The same physics where it has other numbers: on a bench, on a carriage. A plant that has their
             targets shows them; a car has none of them.
         joint: Whether its parameters mean nothing alone.
+        pushes_like: Other effects that do what it does, but for what a plant of another structure may do otherwise.
         change: What the sizes make of the values, where it is more than factors and sums:
             ``(sizes with none missing, values) -> changed values``.
         name, summary, physics: From the file: its name, the first line of its docstring, the rest.
@@ -145,6 +146,7 @@ class Effect:
     nuisances: tuple[str, ...] = ()
     elsewhere: tuple[EffectParameter, ...] = ()
     joint: bool = False
+    pushes_like: tuple[str, ...] = ()
     change: Callable[[Values, Values], dict[str, float]] | None = None
     name: str = ""
     summary: str = ""

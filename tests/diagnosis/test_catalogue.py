@@ -11,7 +11,7 @@ from runs import plant, run, start_values, steps
 
 from cosim import cli
 from cosim.diagnosis import effects
-from cosim.diagnosis.catalogue import CATALOGUE, apply, apply_all, effect
+from cosim.diagnosis.catalogue import CATALOGUE, apply, apply_all, effect, push_alike
 from cosim.diagnosis.hidden import drawn
 from cosim.diagnosis.plants import FullOrderCar
 from cosim.diagnosis.plants.observation import DEFAULTS, Errors
@@ -179,6 +179,17 @@ def test_a_suspension_comes_and_goes_with_its_compliance():
     assert change.parameters[0].physical(1e-6, sprung) == (there, there + 1e-6, "m/N")
     softer = apply(change, {"suspension_compliance": 1.0 / sprung["suspension.stiffness"]}, sprung)
     assert softer["suspension.stiffness"] == pytest.approx(0.5 * sprung["suspension.stiffness"])
+
+
+@pytest.mark.parametrize(("one", "other", "same"), [
+    (("coulomb_drag",), ("road_grade",), True),
+    (("backlash_size", "coulomb_drag"), ("backlash_size", "rolling_resistance"), True),
+    (("coulomb_drag",), ("coulomb_drag", "road_grade"), False),  # one more, not one for another
+    (("rolling_resistance",), ("road_grade",), False),  # where they differ at all, on the way back, they do so surely
+    (("coulomb_drag",), ("aerodynamic_drag",), False), (("coulomb_drag",), (), False),
+    (("vehicle_mass",), ("engine_inertia",), False), (("coulomb_drag",), ("coulomb_drag",), False)])
+def test_what_pushes_like_another(one, other, same):
+    assert push_alike(one, other) is same and push_alike(other, one) is same
 
 
 def test_unknown_names_are_refused_with_those_that_come_close():

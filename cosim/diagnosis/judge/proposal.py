@@ -16,7 +16,7 @@ from cosim.diagnosis.fit.noise import Noise
 from cosim.diagnosis.fit.predict import Coordinate, Predictor, coordinates
 from cosim.diagnosis.plants import SETTLE, STEP, FullOrderCar, Run
 from cosim.diagnosis.plants.car import led_by
-from cosim.diagnosis.search.identify import APART, Identification, signed
+from cosim.diagnosis.search.identify import APART, Identification, signed, trusted
 from cosim.diagnosis.search.reach import around, instead_of, twins
 from driveline.elements.road_load import GRAVITY
 from driveline.quantities import InputError
@@ -167,7 +167,8 @@ def _apart(evidence: Evidence, square: np.ndarray, shared: np.ndarray, fits: Seq
         now: Their scores, up to a constant, without their log evidence in ``evidence``.
     """
     then = [now + _log_evidence(evidence.expecting(square, true.shared[shared]), fits) for true in fits]
-    return np.array([signed(scores[k] - scores) for k, scores in enumerate(then)])
+    return np.array([[signed(trusted(scores[k] - score, true, other)) for score, other in zip(scores, fits)]
+                     for k, (scores, true) in enumerate(zip(then, fits))])
 
 
 def _ways(predictor: Predictor, fits: Sequence[Fit], shared: np.ndarray) -> dict[bool, np.ndarray]:

@@ -1,12 +1,14 @@
 """The search on plants of a few lines, whose landscapes are known."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from vibration import CLOCK, DETECTION, Plant, WithPlay, WithStages, found
 
-from cosim.diagnosis.search.identify import Search
+from cosim.diagnosis import catalogue
+from cosim.diagnosis.search.identify import APART, Search
 from cosim.diagnosis.search.pool import SMALLEST
 
 
@@ -159,6 +161,17 @@ def test_a_rival_in_a_worse_minimum_is_not_refuted():
     assert leads == pytest.approx([0.0, 4.0, 20.0, 18.0])
     assert at(result, best, short).shares() == pytest.approx([0.5, 0.5])
     assert at(result, best, real).shares()[1] < 1e-3
+
+
+def test_between_effects_that_push_alike_a_lead_counts_for_less(monkeypatch):
+    """A plant of another structure does otherwise where they differ."""
+    monkeypatch.setattr(catalogue, "CATALOGUE", {"slope": SimpleNamespace(pushes_like=("tilt",))})
+    _, result = found({"size": 0.3})
+    best = replace(result.best, causes=("size", "slope"), near=False)
+    rivals = [replace(best, causes=causes, score=best.score - 12.0)
+              for causes in (("size", "tilt"), ("size",), ("slope", "tilt"), ("curve", "slope"))]
+    assert [at(result, best, fit).lead(fit) for fit in rivals] == pytest.approx([6.0, 12.0, 12.0, 12.0])
+    assert [at(result, best, fit).apart(fit) < APART for fit in rivals] == [True, False, False, False]
 
 
 def test_causes_that_do_the_same_are_together_more_likely_than_each():
