@@ -23,7 +23,7 @@ import numpy as np
 from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.effect import EffectParameter
 from cosim.diagnosis.fit.fitting import EFFECT
-from cosim.diagnosis.judge.finding import balances, in_doubt, joint_probability
+from cosim.diagnosis.judge.finding import as_well, balances, in_doubt, joint_probability
 
 Result = Mapping[str, Any]
 SURE = 0.8
@@ -54,7 +54,7 @@ def stated(finding: Mapping[str, Any] | None) -> set[str]:
     """Everything that it may be, as the finding says; beside nothing what is not excluded."""
     if not finding or finding["verdict"] == "unknown":
         return set()
-    return set(listed(finding)) | {e for entry in finding["ambiguous_with"] for e in entry["effects"]}
+    return {*listed(finding), *as_well(finding)}
 
 
 def named(finding: Mapping[str, Any] | None) -> list[str]:
@@ -182,21 +182,25 @@ def gain_share(result: Result) -> float | None:
 
 
 def first_or_ambiguous(result: Result) -> bool:
+    """Whether what was hidden stands first, or the finding says that it may be that as well."""
     return right_first(result) or verdict(result) == "ambiguous" and in_set(result)
 
 
 def driven_right(result: Result) -> bool:
+    """Whether what is missing is said to go with a variable that it does go with."""
     variables = {name for about in result["truth"]["outside"].values() for name in about["driving_variables"]}
     return (result["finding"]["unknown"] or {}).get("driving_variable") in variables
 
 
 def resolved(result: Result) -> bool:
+    """Whether what was hidden stands alone once the proposed manoeuvre was driven as well."""
     again = result["again"]
     return bool(again and again["finding"] and again["finding"]["verdict"] == "cause"
                 and right_first({**result, "finding": again["finding"]}))
 
 
 def doubt_ended(result: Result) -> bool:
+    """Whether nothing is named, and all is excluded, once the proposed manoeuvre was driven as well."""
     again = result["again"]
     return bool(again and again["finding"] and again["finding"]["verdict"] == "none"
                 and not in_doubt(again["finding"]))
@@ -206,8 +210,7 @@ def as_a_ratio(result: Result) -> bool:
     """Whether an ambiguity of the finding is between an inertia and a stiffness."""
     if not result["finding"]:
         return False
-    others = {e for entry in result["finding"]["ambiguous_with"] for e in entry["effects"]}
-    causes = set(listed(result["finding"]))
+    others, causes = set(as_well(result["finding"])), set(listed(result["finding"]))
     return bool(others & INERTIAS and causes & STIFFNESSES or others & STIFFNESSES and causes & INERTIAS)
 
 

@@ -43,6 +43,11 @@ def joint_probability(finding: Mapping[str, Any], effects: Collection[str]) -> f
     return sum(cause["probability"] for cause in finding["causes"] if cause["effect"] in effects)
 
 
+def as_well(finding: Mapping[str, Any]) -> list[str]:
+    """Effects that it could be as well, of all of ``ambiguous_with``, each once."""
+    return list(dict.fromkeys(effect for entry in finding["ambiguous_with"] for effect in entry["effects"]))
+
+
 def in_doubt(finding: Mapping[str, Any]) -> bool:
     """Whether nothing is named, but something is not excluded either: ``ambiguous_with`` says what."""
     return finding["verdict"] == "none" and bool(finding["ambiguous_with"])

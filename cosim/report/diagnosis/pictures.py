@@ -71,7 +71,7 @@ def _window(entry: Mapping[str, Any], clock: np.ndarray, measured: np.ndarray, b
 
 
 def what_is_missing(unknown: Mapping[str, Any] | None, table: Mapping[str, Any],
-                  runs: Sequence[str]) -> list[dict[str, Any]]:
+                    runs: Sequence[str]) -> list[dict[str, Any]]:
     """What is missing over what it could go with; the variable it does go with first, run by run if each differs."""
     if not unknown or not table:
         return []

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from cosim.diagnosis.catalogue import CATALOGUE
-from cosim.diagnosis.judge.finding import balances, believed, either, goes_with_words, in_doubt, missing
+from cosim.diagnosis.judge.finding import as_well, balances, believed, either, goes_with_words, in_doubt, missing
 from cosim.report import svg
 from cosim.report.diagnosis.text import dotted, with_unit, words
 
@@ -44,9 +44,8 @@ def headline(finding: Mapping[str, Any]) -> str:
         also = f"{named}; beside that {also}" if named else also
         return also[0].upper() + also[1:]
     if in_doubt(finding):
-        effects = list(dict.fromkeys(e for rival in finding["ambiguous_with"] for e in rival["effects"]))
         share = sum(cause["probability"] for cause in causes)
-        return (f"Nothing is significantly wrong, but {either([words(e) for e in effects])} is not excluded "
+        return (f"Nothing is significantly wrong, but {either([words(e) for e in as_well(finding)])} is not excluded "
                 f"({100.0 * share:.0f} %)")
     return "Nothing is significantly wrong: what differs, tolerance and noise explain"
 
