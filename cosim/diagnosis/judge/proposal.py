@@ -89,7 +89,7 @@ def propose(fitter: Fitter, found: Identification, rivals: Sequence[Fit]) -> Pro
     fits = (one, *rivals)
     ways, wide = _ways(predictor, fits, shared), _wide(fitter, found, fits)
     behind = np.array([found.lead(fit) for fit in fits])
-    now, likely = -behind - _log_evidence(evidence, fits), np.exp(-0.5 * signed(behind) ** 2)
+    now, likely = -behind - _log_evidence(evidence, fits), np.exp(-0.5 * signed(behind, found.temper) ** 2)
     best: Proposal | None = None
     for kind, (gears, torque, corners) in _PROFILES.items():
         for gear in _drivable(predictor.car, gears, torque):
@@ -101,7 +101,7 @@ def propose(fitter: Fitter, found: Identification, rivals: Sequence[Fit]) -> Pro
             except (ArithmeticError, InputError):
                 continue
             for back, signs in ways.items():
-                apart = _apart(evidence, signs[:, None] * square * signs, shared, fits, now)
+                apart = _apart(evidence, signs[:, None] * square * signs, shared, fits, now, found.temper)
                 apart[0] = np.minimum(apart[0], unseen)
                 chance = _chance(apart, fits, likely)
                 if best is None or chance > best.chance:
@@ -131,7 +131,7 @@ def _wide(fitter: Fitter, found: Identification, fits: Sequence[Fit]) -> list[li
         for wide, fit in zip(found_wide, fits):
             if fit.causes == causes:
                 wider = around(fitter, found.noise, fits[0], gone, place)
-                wide += sorted(((float(signed(fits[0].score - other.score)), other) for other in wider),
+                wide += sorted(((float(signed(fits[0].score - other.score, found.temper)), other) for other in wider),
                                key=lambda pair: pair[0])
     return found_wide
 
@@ -156,7 +156,7 @@ def _unseen(predictor: Predictor, noise: Noise, run: Run, one: Fit,
 
 
 def _apart(evidence: Evidence, square: np.ndarray, shared: np.ndarray, fits: Sequence[Fit],
-           now: np.ndarray) -> np.ndarray:
+           now: np.ndarray, temper: float) -> np.ndarray:
     """How far suppositions are behind one that is true after a further recording [sigma]: true one x other.
 
     Args:
@@ -165,9 +165,10 @@ def _apart(evidence: Evidence, square: np.ndarray, shared: np.ndarray, fits: Seq
         shared: Places of the shared coordinates.
         fits: The suppositions.
         now: Their scores, up to a constant, without their log evidence in ``evidence``.
+        temper: Of differences in evidence.
     """
     then = [now + _log_evidence(evidence.expecting(square, true.shared[shared]), fits) for true in fits]
-    return np.array([[signed(trusted(scores[k] - score, true, other)) for score, other in zip(scores, fits)]
+    return np.array([[signed(trusted(scores[k] - score, true, other), temper) for score, other in zip(scores, fits)]
                      for k, (scores, true) in enumerate(zip(then, fits))])
 
 

@@ -37,7 +37,10 @@ log = logging.getLogger("cosim")
 APART = 3.0  # sigma: rivals closer than this cannot be told from the best
 _AFRESH = 2  # suppositions that are fitted by derivatives of their own where a search begins anew
 _FIRST = 3  # causes beside which every other is tried where no cause alone explains a recording
-_TEMPER = 2.0  # of differences in evidence: a plant of another structure errs by some units
+_TEMPER = 2.0  # of differences in evidence, at least: a plant of another structure errs by some units
+# Log evidence behind the leader within which a rival gets as many fits as it: the true causes, fitted once, were 16
+# behind a wrong leader, and gained 27 by further ways.
+_AS_MANY = 20.0
 # More of that between effects that push alike: dry drag of the axle is told from rolling resistance and slope only
 # while a lash is crossed, where a plant of another structure does otherwise as well. By 11 and 17 units the wrong one
 # stood first.
@@ -57,6 +60,7 @@ class Identification:
         noise: Under which they were compared.
         alike: Groups of causes that do the same in these recordings.
         detectable: Smallest sizes of every cause that they would show, by its place among the coordinates.
+        temper: By what differences in evidence are divided before they are odds (``tempered``).
     """
 
     best: Fit
@@ -65,10 +69,11 @@ class Identification:
     noise: Noise
     alike: list[tuple[str, ...]]
     detectable: dict[int, tuple[float, float]]
+    temper: float = _TEMPER
 
     def shares(self) -> np.ndarray:
         """Of the suppositions in the evidence of all, which add up to 1."""
-        weights = np.exp([-self.lead(fit) / _TEMPER for fit in self.alternatives])
+        weights = np.exp([-self.lead(fit) / self.temper for fit in self.alternatives])
         return weights / weights.sum()
 
     def lead(self, fit: Fit) -> float:
@@ -82,7 +87,7 @@ class Identification:
 
     def apart(self, fit: Fit) -> float:
         """How far a supposition is from the best [sigma]."""
-        return separation(self.lead(fit))
+        return separation(self.lead(fit), self.temper)
 
 
 class Search:
@@ -99,7 +104,8 @@ class Search:
         causes: Which are looked for.
         challenge: Of whoever leads, by these.
         scanned: Causes beside which every other was scanned, and fitted by derivatives of its own.
-        refitted: Suppositions that were fitted in further ways.
+        refitted: Suppositions that were fitted in further ways; of each, by how much the best of its fits is better
+            than the next [log evidence].
     """
 
     file: Fit
@@ -115,7 +121,7 @@ class Search:
         self.scan = Scan(self.fitter)
         self.coordinates = predictor.coordinates
         self.scanned: set[tuple[str, ...]] = set()
-        self.refitted: set[tuple[str, ...]] = set()
+        self.refitted: dict[tuple[str, ...], float] = {}
 
     def run(self) -> Identification:
         """Every cause alone, and what follows from there; two at once where that leaves a recording unexplained."""
@@ -131,7 +137,12 @@ class Search:
         noise = self.pool.noise
         shown = detectable(self.fitter.seen(self.file, noise), self.coordinates, -EFFECT,
                            partial(self.fitter.changed, self.file, noise))
-        return Identification(leader, [leader, *others], self.pool.fits[()], noise, self.alike, shown)
+        return Identification(leader, [leader, *others], self.pool.fits[()], noise, self.alike, shown, self.temper)
+
+    @property
+    def temper(self) -> float:
+        """Of differences in evidence, by how far fits of the same supposition were apart so far."""
+        return tempered(float(np.median(list(self.refitted.values()))) if self.refitted else 0.0)
 
     def _follow(self) -> None:
         """Whoever leads gets derivatives of its own and is challenged from there, until nobody takes the lead."""
@@ -250,7 +261,7 @@ class Search:
     def _close(self, leader: Fit) -> list[Fit]:
         """The leader and those that cannot be told from it, the likeliest first."""
         return [fit for fit in self.pool.worthy()
-                if separation(trusted(leader.score - fit.score, leader, fit)) < APART]
+                if separation(trusted(leader.score - fit.score, leader, fit), self.temper) < APART]
 
     def _rivals_settled(self, leader: Fit) -> bool:
         """Whether rivals that cannot be told from the leader had yet to be settled by everything, as it is.
@@ -264,20 +275,24 @@ class Search:
         return bool(rivals)
 
     def _once_more(self, leader: Fit) -> bool:
-        """Whether the leader and rivals that cannot be told from it were fitted in further ways, each once.
+        """Whether the leader and rivals that are near it were fitted in further ways, each once.
 
         Their fits end in one minimum or another, which is worth some units of log evidence, as much as they are apart:
-        so each begins in the vehicle file anew, and where another of them is.
+        so each begins in the vehicle file anew, and where another of them is. How much it is worth is seen there.
         """
-        close = self._close(leader)[:REFITTED]
+        close = self._close(leader)
+        close = [fit for fit in self.pool.worthy()
+                 if fit in close or trusted(leader.score - fit.score, leader, fit) < _AS_MANY][:REFITTED]
         fresh = [fit for fit in close if fit.causes not in self.refitted] if len(close) > 1 else []
         for fit in fresh:
-            self.refitted.add(fit.causes)
             other = close[1] if fit is leader else leader
             elsewhere = self.challenge.start(other, fit.causes, self.fitter.judged(other, self.pool.noise))
             anew = self._in_file(fit, fit.causes) if fit.causes else self.file
             starts = [elsewhere] if anew is None else [elsewhere, self.fitter.cooled(anew, self.pool.noise)]
-            self.pool.enter([self.pool.settled(start) for start in starts])
+            ends = [self.pool.settled(start) for start in starts]
+            best, second, *_ = sorted((end.score for end in (fit, *ends)), reverse=True)
+            self.refitted[fit.causes] = best - second
+            self.pool.enter(ends)
         return bool(fresh)
 
     def _put_instead(self) -> None:
@@ -330,7 +345,7 @@ class Search:
         kinds = [key(same.get(cause, cause) for cause in fit.causes) for fit in fits]
         together: dict[tuple[str, ...], float] = {}
         for kind, fit in zip(kinds, fits):
-            together[kind] = together.get(kind, 0.0) + float(np.exp((fit.score - fits[0].score) / _TEMPER))
+            together[kind] = together.get(kind, 0.0) + float(np.exp((fit.score - fits[0].score) / self.temper))
         first = kinds.index(max(together, key=lambda kind: together[kind]))
         return [fits[first], *fits[:first], *fits[first + 1:]]
 
@@ -340,11 +355,24 @@ def trusted(lead: float, one: Fit, other: Fit) -> float:
     return lead / _PUSH_ALIKE if push_alike(one.effects, other.effects) else lead
 
 
-def separation(lead: float) -> float:
+def tempered(scatter: float) -> float:
+    """By what differences in evidence are divided before they are odds.
+
+    A plant of another structure errs by some units. And the best of a few fits of a supposition is not the best there
+    is, but by about as much short of it as it is better than the next: the odds of a lead with such an error, normally
+    distributed (MacKay, *Neural Computation* 4 (1992), 720: of a logistic function's mean).
+
+    Args:
+        scatter: By how much the best of some fits of the same supposition is better than the next [log evidence].
+    """
+    return float(np.hypot(_TEMPER, np.sqrt(np.pi / 8.0) * scatter))
+
+
+def separation(lead: float, temper: float = _TEMPER) -> float:
     """A lead in log evidence as a distance [sigma]."""
-    return max(float(signed(lead)), 0.0)
+    return max(float(signed(lead, temper)), 0.0)
 
 
-def signed(lead: np.ndarray | float) -> np.ndarray:
+def signed(lead: np.ndarray | float, temper: float = _TEMPER) -> np.ndarray:
     """Leads as distances [sigma], negative behind."""
-    return np.sign(lead) * np.sqrt(2.0 * np.abs(lead) / _TEMPER)
+    return np.sign(lead) * np.sqrt(2.0 * np.abs(lead) / temper)

@@ -43,7 +43,7 @@ def propose(healthy, one, rivals, monkeypatch, gears=(5,), kinds=("tip_in",)):
     """By recordings that say nothing of the one or the other."""
     fitter, _, noise = healthy
     monkeypatch.setattr(proposal, "_PROFILES", {kind: (gears, *proposal._PROFILES[kind][1:]) for kind in kinds})
-    return proposal.propose(fitter, SimpleNamespace(best=one, noise=noise, lead=lambda fit: 0.0), rivals)
+    return proposal.propose(fitter, SimpleNamespace(best=one, noise=noise, lead=lambda fit: 0.0, temper=2.0), rivals)
 
 
 def test_a_supposition_is_not_apart_from_itself(healthy, monkeypatch):
@@ -139,7 +139,7 @@ def test_two_stages_are_told_from_soft_shafts_only_where_they_are_twisted_beyond
     cause = "shaft_stiffness:axle_shaft_stiffness"
     soft = fitter.settle(fitter.assess(replace(fit, causes=(cause,)), noise), noise)
     staged = fitter.placed(soft, ("two_stage_stiffness",), soft.shared, soft.points)
-    found = SimpleNamespace(noise=noise)
+    found = SimpleNamespace(noise=noise, temper=2.0)
     wide = proposal._wide(fitter, found, (soft, replace(soft), staged))
     assert [len(others) > 3 for others in wide] == [False, False, True]
     car, runs = fitter.predictor.car, fitter.predictor.runs

@@ -5,10 +5,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.special import expit
+from scipy.stats import norm
 from vibration import CLOCK, DETECTION, Plant, WithPlay, WithStages, found
 
 from cosim.diagnosis import catalogue
-from cosim.diagnosis.search.identify import APART, Search
+from cosim.diagnosis.search.identify import APART, Search, tempered
 from cosim.diagnosis.search.pool import SMALLEST
 
 
@@ -101,18 +103,37 @@ def test_who_cannot_be_told_from_the_leader_is_settled_as_it_is():
     assert not search._rivals_settled(leader)
 
 
-def test_who_cannot_be_told_from_the_leader_is_fitted_in_further_ways_once():
-    """Here a rival is a period off, and has nearly the evidence of the leader all the same."""
+def test_who_is_near_the_leader_is_fitted_in_further_ways_once():
+    """Here a rival is a period off, and is told from the leader, but by less than further ways may gain."""
     search, result = found({"phase": 0.2})
     leader, causes, period = result.best, ("curve", "phase"), -np.pi / 4.0 * np.eye(len(result.best.shared))[0]
     rival = search.fitter.placed(leader, causes, leader.shared + period, [point + period for point in leader.points])
-    search.pool.fits |= {causes: replace(rival, near=True, settled=True, score=leader.score - 8.5)}
+    search.pool.fits |= {causes: replace(rival, near=True, settled=True, score=leader.score - 15.0)}
     search.pool.fits[causes].shared[4] = 2.0 * DETECTION
     search.refitted.clear()
-    assert search._once_more(leader) and {leader.causes, causes} <= search.refitted
+    assert search._once_more(leader) and {leader.causes, causes} <= search.refitted.keys()
     better = search.pool.fits[causes]
     assert better.shared[0] == pytest.approx(0.2, abs=0.02) and better.score > leader.score - 8.0
     assert not search._once_more(leader)
+
+
+def test_where_fits_of_the_same_supposition_differ_a_lead_counts_for_less():
+    search, result = found({"phase": 0.2})
+    far = replace(result.best, causes=("curve",), score=result.best.score - 15.0, near=False)
+    sure = at(result, result.best, far)
+    search.refitted |= {("curve",): 14.0, ("phase",): 8.0, ("size",): 0.5}
+    doubtful = replace(sure, temper=search.temper)
+    assert search.temper == tempered(8.0) and sure.apart(far) > APART > doubtful.apart(far) > 0.0
+    assert sure.shares()[1] < 0.01 < doubtful.shares()[1] < 0.5
+
+
+@pytest.mark.parametrize("scatter", [0.0, 2.0, 8.0])
+@pytest.mark.parametrize("lead", [1.0, 9.0, 30.0])
+def test_odds_are_those_of_a_lead_with_an_error(scatter, lead):
+    """The mean of what it would be with every error."""
+    errors = scatter * norm.ppf((np.arange(4000) + 0.5) / 4000)
+    mean = float(np.mean(expit((lead + errors) / tempered(0.0))))
+    assert float(expit(lead / tempered(scatter))) == pytest.approx(mean, abs=0.02)
 
 
 def test_what_derivatives_do_not_show_is_scanned():
