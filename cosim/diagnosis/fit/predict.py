@@ -36,6 +36,7 @@ TOLERANCE = 0.2
 # Of differences, in detection limits. With three times as much crossings of a lash are not on a line any more, with a
 # third single samples that jump weigh too much.
 _STEP = 0.08
+_KEPT = 4  # simulations without instruments
 # Numbers of the file that no effect of the catalogue moves alone, but that are no better known.
 _FILE = ("converter.impeller_inertia", "converter.turbine_inertia", "lockup_clutch.plate_inertia",
          "transmission.inertia[*]", "propeller_shaft.inertia", "final_drive.ring_inertia",
@@ -156,7 +157,6 @@ class Predictor:
                  workers: int = 1) -> None:
         self.car, self.runs, self.coordinates = car, list(runs), list(coordinates)
         self.workers = workers
-        self.simulations = 0
         self._raw: OrderedDict[tuple, dict[str, np.ndarray]] = OrderedDict()
         self._pool: ProcessPoolExecutor | None = None
         self._shown = sorted({name for run in runs for name in run.clocks})
@@ -239,7 +239,6 @@ class Predictor:
                tuple(v for name, v in values.items() if not name.startswith("observe.")))
         raw = self._raw.get(key)
         if raw is None:
-            self.simulations += 1
             torque = 0.0
             if seed is not None:
                 random = np.random.default_rng([seed, run])
@@ -247,7 +246,8 @@ class Predictor:
                 here = replace(here, anchors={name: _shaken(shown, random) for name, shown in here.anchors.items()})
             found = self.car.raw(values, here, nuisance, torque)
             raw = self._raw[key] = {name: found[name] for name in self._shown}
-            while len(self._raw) > 4:
+            # one a run at least: what only instruments feel is asked of all runs before the next of it is
+            while len(self._raw) > max(_KEPT, len(self.runs)):
                 self._raw.popitem(last=False)
         return raw
 

@@ -34,6 +34,23 @@ def test_several_processes_say_the_same(car_and_run):
     assert np.array_equal(*found)
 
 
+def test_what_only_instruments_feel_takes_no_new_simulation(car_and_run, monkeypatch):
+    """Also of more runs than a jacobian has side by side."""
+    car, run = car_and_run
+    runs, simulated = [run] * 6, []
+    declared = coordinates(car, runs)
+    monkeypatch.setattr(car, "raw", lambda *given, raw=car.raw: simulated.append(given) or raw(*given))
+    predictor = Predictor(car, runs, declared)
+    [offset] = predictor.index("torque_meter_offset")
+    shown = []
+    for size in (0.0, 5.0, -5.0):
+        point = size * np.eye(len(declared))[offset]
+        shown.append(predictor.all_runs([point] * len(runs))[-1])
+    assert len(simulated) == len(runs)
+    place = run.slices["propeller_shaft_torque"]
+    assert shown[1][place] - shown[0][place] == pytest.approx(5.0) and not np.array_equal(shown[1], shown[2])
+
+
 def test_a_swing_has_the_amplitude_of_its_components(car_and_run):
     car, run = car_and_run
     declared = coordinates(car, [run])
