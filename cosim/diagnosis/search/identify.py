@@ -5,10 +5,10 @@ healthy car's are. A cause is an effect of the catalogue, or one parameter of an
 something alone. Of causes that do the same in these recordings one is looked for (``alike``). Every cause alone is
 simulated at several sizes, and the best of these are fitted (``scan``); so is every cause beside whoever leads
 then, and in place of each of its causes, from the vehicle file anew. Whoever leads is challenged by every cause added,
-dropped or swapped (``challenge``); all that were fitted are compared under one noise (``pool``). Those that cannot be
-told from the leader are fitted in further ways, and where a recording stays unexplained two causes are tried at once.
-At last those that do the same, or do as far as the recordings reach, take the places of what was found.
-``docs/diagnosis.md`` says why.
+dropped or swapped (``challenge``); all that were fitted are compared under one noise (``pool``). Those that are near
+the leader are fitted in further ways, which says what a lead is worth, and where a recording stays unexplained two
+causes are tried at once. At last those that do the same, or do as far as the recordings reach, take the places of what
+was found. ``docs/diagnosis.md`` says why.
 """
 
 from __future__ import annotations
@@ -38,13 +38,13 @@ APART = 3.0  # sigma: rivals closer than this cannot be told from the best
 _AFRESH = 2  # suppositions that are fitted by derivatives of their own where a search begins anew
 _FIRST = 3  # causes beside which every other is tried where no cause alone explains a recording
 _TEMPER = 2.0  # of differences in evidence, at least: a plant of another structure errs by some units
-# Log evidence behind the leader within which a rival gets as many fits as it: the true causes, fitted once, were 16
-# behind a wrong leader, and gained 27 by further ways.
-_AS_MANY = 20.0
 # More of that between effects that push alike: dry drag of the axle is told from rolling resistance and slope only
 # while a lash is crossed, where a plant of another structure does otherwise as well. By 11 and 17 units the wrong one
 # stood first.
 _PUSH_ALIKE = 2.0
+# Log evidence behind the leader within which a rival gets as many fits as it: the true causes, fitted once, were 16
+# behind a wrong leader, and gained 27 by further ways.
+_AS_MANY = 20.0
 _TURNS = 30  # steps of the search, at most; some three a cause
 
 
