@@ -258,10 +258,10 @@ class Search:
 
     # -- who cannot be told from the leader -------------------------------------------------------
 
-    def _close(self, leader: Fit) -> list[Fit]:
-        """The leader and those that cannot be told from it, the likeliest first."""
-        return [fit for fit in self.pool.worthy()
-                if separation(trusted(leader.score - fit.score, leader, fit), self.temper) < APART]
+    def _close(self, leader: Fit, within: float = 0.0) -> list[Fit]:
+        """The leader and those that cannot be told from it, or are less behind than that [log evidence]; best first."""
+        leads = [(fit, trusted(leader.score - fit.score, leader, fit)) for fit in self.pool.worthy()]
+        return [fit for fit, lead in leads if lead < within or separation(lead, self.temper) < APART]
 
     def _rivals_settled(self, leader: Fit) -> bool:
         """Whether rivals that cannot be told from the leader had yet to be settled by everything, as it is.
@@ -280,9 +280,7 @@ class Search:
         Their fits end in one minimum or another, which is worth some units of log evidence, as much as they are apart:
         so each begins in the vehicle file anew, and where another of them is. How much it is worth is seen there.
         """
-        close = self._close(leader)
-        close = [fit for fit in self.pool.worthy()
-                 if fit in close or trusted(leader.score - fit.score, leader, fit) < _AS_MANY][:REFITTED]
+        close = self._close(leader, _AS_MANY)[:REFITTED]
         fresh = [fit for fit in close if fit.causes not in self.refitted] if len(close) > 1 else []
         for fit in fresh:
             other = close[1] if fit is leader else leader
