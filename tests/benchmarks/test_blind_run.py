@@ -1,6 +1,7 @@
 """Blind cases: what is hidden, and that their results are the same however they were run."""
 
 import json
+import resource
 from dataclasses import replace
 
 import fake_diagnosis
@@ -17,6 +18,7 @@ from driveline import vehicles
 from driveline.quantities import InputError
 
 FAKE = "fake_diagnosis:guess"
+MATRIX, MATRICES = 1_000_000, 40  # 8 MB
 ALL = dict.fromkeys(CATEGORIES, 1)
 
 
@@ -136,6 +138,22 @@ def test_two_workers_find_what_one_does(here, tmp_path):
     two = blind.run(chosen, tmp_path, workers=2, method=FAKE)
     assert timeless(two) == timeless(one)
     assert blind.read(tmp_path / blind.LINES) == two
+
+
+def mapped():
+    """Pages that a process maps anew for matrices as a diagnosis has them, one after the other."""
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+    for _ in range(MATRICES):
+        np.ones(MATRIX).sum()
+    return resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
+
+
+def test_a_worker_keeps_the_memory_of_one_matrix_for_the_next():
+    distributed = pytest.importorskip("distributed", reason="dask is not installed: extra `blind`")
+    with blind.address_of(2, None, 2) as address, distributed.Client(address) as client:
+        pages = client.run(mapped)
+    assert len(pages) == 2
+    assert max(pages.values()) < 3 * MATRIX * 8 / resource.getpagesize()  # of a few, until that is kept
 
 
 def test_a_cluster_finds_what_one_process_does(here, tmp_path):
