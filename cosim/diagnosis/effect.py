@@ -36,6 +36,8 @@ class EffectParameter:
         detection: Rough smallest change of ``coordinate`` that shows in a few recordings.
         probes: Sizes from which to start a search, for effects that do nothing while they are small.
         nominal: What the vehicle file has of it, in its unit, where that is not the first target.
+        possible: Smallest and largest size that a vehicle can have, where that is less than what is plausible: what is
+            not there cannot be taken away.
         same_as: The parameter of another effect that does the same where the others of its own are beyond what a
             recording reaches; empty for none.
     """
@@ -50,6 +52,7 @@ class EffectParameter:
     detection: float
     probes: tuple[float, ...] = ()
     nominal: Callable[[Values], float] | None = None
+    possible: Callable[[Values], tuple[float, float]] | None = None
     same_as: str = ""
 
     @property
@@ -87,9 +90,14 @@ class EffectParameter:
         ends = {name: self.physical(end, values)[1] for name, end in (("low90", low), ("high90", high))}
         return {"nominal": nominal, "value": value, **ends, "unit": unit}
 
-    def check(self, size: float) -> None:
-        """Raise InputError unless the size is plausible."""
-        low, high = self.limits
+    def range(self, values: Values) -> tuple[float, float]:
+        """Smallest and largest size that is plausible and that a vehicle can have."""
+        low, high = self.possible(values) if self.possible else self.limits
+        return max(low, self.limits[0]), min(high, self.limits[1])
+
+    def check(self, size: float, values: Values) -> None:
+        """Raise InputError unless the size is plausible, and a vehicle of these values can have it."""
+        low, high = self.range(values)
         if not low <= size <= high:
             what = "a factor on what the vehicle file says" if self.scale == "log" else f"in {self.unit}"
             raise InputError(f"{self.name} is {size:g}: from {low:g} to {high:g} is plausible, {what}")
@@ -103,9 +111,10 @@ def factor(name: str, *targets: str, unit: str, meaning: str, spread: float, lim
 
 def shift(name: str, *targets: str, unit: str, meaning: str, spread: float, limits: tuple[float, float],
           detection: float, probes: tuple[float, ...] = (),
-          nominal: Callable[[Values], float] | None = None) -> EffectParameter:
+          nominal: Callable[[Values], float] | None = None,
+          possible: Callable[[Values], tuple[float, float]] | None = None) -> EffectParameter:
     """A number that adds to what the vehicle file says."""
-    return EffectParameter(name, targets, unit, meaning, "linear", spread, limits, detection, probes, nominal)
+    return EffectParameter(name, targets, unit, meaning, "linear", spread, limits, detection, probes, nominal, possible)
 
 
 def scaled(parameters: tuple[EffectParameter, ...], sizes: Values, values: Values) -> dict[str, float]:

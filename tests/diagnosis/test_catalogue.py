@@ -56,10 +56,10 @@ def test_a_parameter_is_neutral_inside_its_limits_and_names_what_there_is(one, p
     assert parameter.size(0.0) == parameter.neutral
     assert parameter.spread > 0.0 and parameter.detection > 0.0
     for size in (parameter.neutral, *parameter.probes):
-        parameter.check(size)
+        parameter.check(size, nominal())
     assert any(low <= parameter.size(side * parameter.detection) <= high for side in (1.0, -1.0))
     with pytest.raises(InputError, match=parameter.name):
-        parameter.check(high * 1.1 + 1.0)
+        parameter.check(high * 1.1 + 1.0, nominal())
     declared = {v.name for v in plant("plant_fom", initialize=False).variables if v.causality == "parameter"}
     for target in parameter.targets:
         if target.endswith("[*]"):
@@ -70,6 +70,25 @@ def test_a_parameter_is_neutral_inside_its_limits_and_names_what_there_is(one, p
     first = parameter.targets[0].replace("[*]", "[1]")
     if first in unit and parameter.nominal is None and parameter.physical(1.0, nominal())[2] != "1":
         assert parameter.unit == unit[first]
+
+
+@pytest.mark.parametrize("variant", ["modified", None])
+@pytest.mark.parametrize(("one", "parameter"), PARAMETERS, ids=IDS)
+def test_every_size_that_a_vehicle_can_have_changes_something_else(one, parameter, variant):
+    """Sizes beyond its end would all be the same to a simulation, but not to derivatives: found were less than none."""
+    values = nominal(variant) | DEFAULTS
+    ends = parameter.range(values)
+    assert parameter.limits[0] <= ends[0] <= parameter.neutral <= ends[1] <= parameter.limits[1]
+    others = {p.name: p.probes[0] for p in one.parameters if p.probes}  # what has two sizes is nothing with one
+
+    def changed(size):
+        after = apply(one, {**others, parameter.name: float(size)}, values)
+        return {name: after[name] for name in after if after[name] != values.get(name)}
+
+    sizes = np.linspace(*ends, 9)
+    assert all(changed(size) != changed(next_) for size, next_ in zip(sizes, sizes[1:]))
+    for end, limit in zip(ends, parameter.limits):
+        assert end == limit or changed(end) == changed(limit) == changed(0.5 * (end + limit))
 
 
 @pytest.mark.parametrize("parameter", CATALOGUE["two_stage_stiffness"].parameters, ids=lambda p: p.name)

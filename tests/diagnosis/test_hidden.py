@@ -225,8 +225,18 @@ def test_drawn_sizes_are_worth_finding_and_plausible(name):
         assert sizes
         for p in effect(name).parameters:
             if p.name in sizes:
-                p.check(sizes[p.name])
+                assert p.limits[0] <= sizes[p.name] <= p.limits[1]
                 assert 0.999 * p.detection <= abs(p.coordinate(sizes[p.name])) <= 5.001 * p.detection
+
+
+@pytest.mark.parametrize("name", ["backlash_location", "suspension_mode"])
+def test_no_more_is_said_to_be_hidden_than_a_vehicle_can_have(name):
+    [parameter] = effect(name).parameters
+    low, high = parameter.range(nominal())
+    sizes = [sizes_of(effect(name), "", nominal(), np.random.default_rng(k))[parameter.name] for k in range(60)]
+    free = [drawn(effect(name), np.random.default_rng(k))[parameter.name] for k in range(60)]
+    assert min(sizes) == low > min(free) and max(sizes) <= high
+    assert all(size == more for size, more in zip(sizes, free) if low < more < high)
 
 
 def test_what_no_size_of_shows_in_a_vehicle_is_not_said_to_be_hidden(tmp_path, monkeypatch):
@@ -239,9 +249,10 @@ def test_what_no_size_of_shows_in_a_vehicle_is_not_said_to_be_hidden(tmp_path, m
 @pytest.mark.parametrize(("arguments", "said"), [
     (["vehicle_mas"], "did you mean 'vehicle_mass'"),
     (["vehicle_mass=9"], "from 0.7 to 1.6 is plausible"),
-    (["suspension_mode=-1e-6"], "changes nothing of pickup_10r80, modified"),
+    (["suspension_mode=-1e-6"], "from 0 to 1e-05 is plausible"),
+    (["backlash_location=0.05"], "from -0.0160745 to 0.0439823 is plausible"),
     (["--vehicle", "emps"], "has no gears"),
-    (["torque_meter_filter=-0.01", "--variant", "baseline"], "changes nothing"),
+    (["torque_meter_filter=0", "--variant", "baseline"], "changes nothing"),
     (["vehicle_mass=much"], "a number is needed"),
     (["wheel_speed_delay=30 kg"], "cannot be converted"),
     (["wheel_inertia=3 kg.m2"], "a factor is needed"),

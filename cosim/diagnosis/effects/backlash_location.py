@@ -12,10 +12,14 @@ from cosim.diagnosis.effect import Effect, Values, shift
 FIFTH_GEAR = "transmission.ratio[7]"  # the sum is the same in this one, the gear of the validation
 
 
+def _possible(values: Values) -> tuple[float, float]:
+    """All that there is of either gap."""
+    return -values["transmission.half_gap"] / values[FIFTH_GEAR], values["final_drive.half_gap"]
+
+
 def _moved(sizes: Values, values: Values) -> dict[str, float]:
-    moved = sizes["backlash_shift"]
-    ratio = values[FIFTH_GEAR]
-    moved = max(-values["transmission.half_gap"] / ratio, min(moved, values["final_drive.half_gap"]))
+    least, most = _possible(values)
+    moved, ratio = max(least, min(sizes["backlash_shift"], most)), values[FIFTH_GEAR]
     return {"final_drive.half_gap": values["final_drive.half_gap"] - moved,
             "transmission.half_gap": max(0.0, values["transmission.half_gap"] + moved * ratio)}  # rounding may go below
 
@@ -29,7 +33,7 @@ EFFECT = Effect(
     parameters=(
         shift("backlash_shift", "transmission.half_gap", "final_drive.half_gap", unit="rad",
               meaning="half gap moved from the final drive to the transmission, at the propeller shaft",
-              spread=0.015, limits=(-0.1, 0.1), detection=0.008, nominal=_moved_already),
+              spread=0.015, limits=(-0.1, 0.1), detection=0.008, nominal=_moved_already, possible=_possible),
     ),
     change=_moved,
 )

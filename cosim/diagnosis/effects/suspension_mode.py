@@ -7,6 +7,8 @@ the file; a rigid axle has none, and less than the file's may be left of it.
 
 from __future__ import annotations
 
+import math
+
 from cosim.diagnosis.effect import Effect, Values, shift
 
 RIGID = 1e-9  # m/N: below, the axle is part of the body
@@ -14,6 +16,10 @@ RIGID = 1e-9  # m/N: below, the axle is part of the body
 
 def _compliance(values: Values) -> float:
     return 1.0 / values["suspension.stiffness"] if values["suspension.enabled"] else 0.0
+
+
+def _possible(values: Values) -> tuple[float, float]:
+    return 0.0 - _compliance(values), math.inf
 
 
 def _compliant(sizes: Values, values: Values) -> dict[str, float]:
@@ -31,7 +37,7 @@ EFFECT = Effect(
     parameters=(
         shift("suspension_compliance", "suspension.stiffness", unit="m/N",
               meaning="fore-aft compliance of the driven axle in the body beyond the file's",
-              spread=5e-7, limits=(-1e-5, 1e-5), detection=4e-07, nominal=_compliance),
+              spread=5e-7, limits=(-1e-5, 1e-5), detection=4e-07, nominal=_compliance, possible=_possible),
     ),
     change=_compliant,
 )

@@ -199,7 +199,8 @@ def sizes_of(effect: Effect, text: str, nominal: Mapping[str, float],
         InputError: Not a size, or not a plausible one.
     """
     if not text:
-        return drawn(effect, random)
+        sizes = drawn(effect, random)
+        return {p.name: float(np.clip(sizes[p.name], *p.range(nominal))) for p in effect.parameters if p.name in sizes}
     if ":" in text:
         named = dict(part.partition(":")[::2] for part in text.split(","))
         effect.complete({name.strip(): 0.0 for name in named})
@@ -210,7 +211,7 @@ def sizes_of(effect: Effect, text: str, nominal: Mapping[str, float],
                  for p in effect.parameters}
     for parameter in effect.parameters:
         if parameter.name in sizes:
-            parameter.check(sizes[parameter.name])
+            parameter.check(sizes[parameter.name], nominal)
     return sizes
 
 

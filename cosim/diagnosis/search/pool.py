@@ -58,8 +58,7 @@ class Pool:
 
     def plausible(self, fit: Fit) -> bool:
         """Whether no parameter of a cause is at a limit, as far as healthy cars differ: it would have to be beyond."""
-        return all(c.low + c.tolerance < x < c.high - c.tolerance or abs(x) < c.tolerance
-                   for x, c in zip(fit.shared, self.coordinates) if c.cause in fit.causes)
+        return all(c.plausible(x) for x, c in zip(fit.shared, self.coordinates) if c.cause in fit.causes)
 
     def size(self, fit: Fit, cause: str) -> float:
         """How large a cause is, in detection limits; the least of its numbers where none does anything alone."""

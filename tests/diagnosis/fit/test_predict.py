@@ -22,6 +22,21 @@ def test_zero_is_the_vehicle_file_and_every_coordinate_moves_something(car_and_r
                          "suspension.damping"}
 
 
+def test_what_is_not_there_cannot_be_taken_away(car_and_run):
+    """Here the axle is rigid, and the torque meter has the filter of the file."""
+    car, run = car_and_run
+    by_name = {c.name: c for c in coordinates(car, [run])}
+    compliance, period, gap = (by_name[name] for name in (
+        "suspension_compliance", "torque_meter_filter_period", "backlash_shift"))
+    assert compliance.low == 0.0 < compliance.high
+    assert period.low == pytest.approx(-1.0 / car.values["torque_meter.stopband_frequency"])
+    assert gap.high == car.values["final_drive.half_gap"]
+    # all that there is may be gone; what is at an end of what is plausible would have to be beyond
+    assert all(c.plausible(c.low) for c in (compliance, period, gap))
+    assert not compliance.plausible(compliance.high) and not by_name["vehicle_mass"].plausible(
+        by_name["vehicle_mass"].low)
+
+
 def test_several_processes_say_the_same(car_and_run):
     car, run = car_and_run
     declared = coordinates(car, [run])
