@@ -15,7 +15,7 @@ PERIOD = 1.0
 
 
 def coordinate(cause, run=None):
-    p = factor(cause or "start", cause or "start", unit="1", meaning="", spread=1.0, limits=(0.3, 3.0),
+    p = factor(cause or "start", cause or "start", unit="1", meaning="", spread=1.0, limits=(np.exp(-1.0), np.e),
                detection=DETECTION)
     if not cause:
         return Coordinate("start", "", "", run, None, 0.3, 0.3, 0.01)

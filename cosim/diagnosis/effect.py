@@ -37,7 +37,7 @@ class EffectParameter:
         probes: Sizes from which to start a search, for effects that do nothing while they are small.
         nominal: What the vehicle file has of it, in its unit, where that is not the first target.
         possible: Smallest and largest size that a vehicle can have, where that is less than what is plausible: what is
-            not there cannot be taken away.
+            not there cannot be taken away. A size beyond does what that one does.
         same_as: The parameter of another effect that does the same where the others of its own are beyond what a
             recording reaches; empty for none.
     """
@@ -92,8 +92,13 @@ class EffectParameter:
 
     def range(self, values: Values) -> tuple[float, float]:
         """Smallest and largest size that is plausible and that a vehicle can have."""
-        low, high = self.possible(values) if self.possible else self.limits
-        return max(low, self.limits[0]), min(high, self.limits[1])
+        low, high = self.limits
+        return self.within(low, values), self.within(high, values)
+
+    def within(self, size: float, values: Values) -> float:
+        """The size, or the nearest that a vehicle can have."""
+        low, high = self.possible(values) if self.possible else (-math.inf, math.inf)
+        return max(low, min(size, high))
 
     def check(self, size: float, values: Values) -> None:
         """Raise InputError unless the size is plausible, and a vehicle of these values can have it."""
@@ -146,7 +151,7 @@ class Effect:
         joint: Whether its parameters mean nothing alone.
         pushes_like: Other effects that do what it does, but for what a plant of another structure may do otherwise.
         change: What the sizes make of the values, where it is more than factors and sums:
-            ``(sizes with none missing, values) -> changed values``.
+            ``(sizes with none missing, none that a vehicle cannot have, values) -> changed values``.
         name, summary, physics: From the file: its name, the first line of its docstring, the rest.
     """
 
@@ -204,6 +209,7 @@ class Effect:
     def changes(self, sizes: Values, values: Values) -> dict[str, float]:
         """The values the effect changes, and what they become."""
         complete = self.complete(sizes)
+        had = {p.name: p.within(complete[p.name], values) for p in self.parameters}
         if self.change is not None:
-            return self.change(complete, values)
-        return scaled(self.parameters, complete, values)
+            return self.change(had, values)
+        return scaled(self.parameters, had, values)

@@ -272,6 +272,13 @@ def test_a_value_beyond_what_is_plausible_is_marked(base):
     assert "Not plausible" in render(given)
 
 
+def test_what_is_plausible_is_what_the_vehicle_can_have(base):
+    given = diagnosis(base, "cause")
+    given.finding["causes"][0] |= {"effect": "suspension_mode", "parameters": {"suspension_compliance": {
+        "nominal": 0.0, "value": 8e-7, "low90": 6e-7, "high90": 1e-6, "unit": "m/N"}}}
+    assert "0 to 1e-05" in " ".join(words(render(given)).split())  # the axle is rigid
+
+
 def test_a_picture_shows_where_it_is_wrong(pages, base):
     """The shuffle's picture spans the ringing and little more, and after lies nearer than before."""
     picture = re.search(r'<svg[^>]*aria-label="[^"]* in ' + re.escape(base.wrong[0].run) + r'".*?</svg>',

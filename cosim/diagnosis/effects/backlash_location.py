@@ -18,8 +18,7 @@ def _possible(values: Values) -> tuple[float, float]:
 
 
 def _moved(sizes: Values, values: Values) -> dict[str, float]:
-    least, most = _possible(values)
-    moved, ratio = max(least, min(sizes["backlash_shift"], most)), values[FIFTH_GEAR]
+    moved, ratio = sizes["backlash_shift"], values[FIFTH_GEAR]
     return {"final_drive.half_gap": values["final_drive.half_gap"] - moved,
             "transmission.half_gap": max(0.0, values["transmission.half_gap"] + moved * ratio)}  # rounding may go below
 

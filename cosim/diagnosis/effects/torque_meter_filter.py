@@ -21,8 +21,7 @@ def _possible(values: Values) -> tuple[float, float]:
 
 
 def _filtered(sizes: Values, values: Values) -> dict[str, float]:
-    least, _ = _possible(values)
-    return {_PERIOD: values.get(_PERIOD, 0.0) + max(sizes["torque_meter_filter_period"], least)}
+    return {_PERIOD: values.get(_PERIOD, 0.0) + sizes["torque_meter_filter_period"]}
 
 
 EFFECT = Effect(

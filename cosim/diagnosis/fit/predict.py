@@ -63,8 +63,6 @@ class Coordinate:
         spread: Standard deviation where it is the cause.
         step: For finite differences.
         low, high: From where to where it is plausible, and the vehicle can have it.
-        ends: From where to where it is plausible, where the vehicle can have less than that: a cause at one of them
-            would have to be beyond.
         phase: Value that holds the phase, for a component of a swing.
         part: Which: 0 the cosine's, 1 the sine's; of a row of hats or waves, its place.
     """
@@ -79,13 +77,15 @@ class Coordinate:
     step: float
     low: float = -np.inf
     high: float = np.inf
-    ends: tuple[float, float] | None = None
     phase: str = ""
     part: int = 0
 
     def plausible(self, x: float) -> bool:
-        """Whether a cause may be as large as this: at no end of what is plausible, as far as healthy cars differ."""
-        low, high = self.ends or (self.low, self.high)
+        """Whether a cause may be as large as this: at no end of what is plausible, as far as healthy cars differ.
+
+        All that there is of something may be gone; what is at another end would have to be beyond.
+        """
+        low, high = (self.low, self.high) if self.phase else map(self.parameter.coordinate, self.parameter.limits)
         return low + self.tolerance < x < high - self.tolerance or abs(x) < self.tolerance
 
     @property
@@ -114,12 +114,11 @@ def coordinates(car: FullOrderCar, runs: Sequence[Run],
                     if not _visible(p, set(run.clocks)):
                         continue
                     found += [Coordinate(p.name, effect.name, cause, r, p, healthy, p.spread, p.detection,
-                                         -p.limits[1], p.limits[1], None, swings[p.name], part) for part in (0, 1)]
+                                         -p.limits[1], p.limits[1], swings[p.name], part) for part in (0, 1)]
                 continue
-            (low, high), ends = (tuple(float(np.log(max(x, 1e-3)) if p.scale == "log" else x) for x in limits)
-                                 for limits in (p.range(car.values), p.limits))
+            low, high = map(p.coordinate, p.range(car.values))
             found.append(Coordinate(p.name, effect.name, cause, None, p, healthy, p.spread, _STEP * p.detection,
-                                    low, high, ends))
+                                    low, high))
     for name in _FILE:
         if any(car.values.get(n, 0.0) for n in _entries(name, car.values)):
             p = factor(name, name, unit="1", meaning="known to some per cent only", spread=HEALTHY,

@@ -10,6 +10,7 @@ import numpy as np
 from markupsafe import Markup
 
 from cosim.diagnosis.catalogue import CATALOGUE
+from cosim.diagnosis.effect import Effect, Values
 from cosim.diagnosis.judge.finding import balances, either, goes_with_words, in_doubt, joint_probability, missing
 from cosim.report import svg
 from cosim.report.diagnosis.pictures import over_time, what_is_missing
@@ -41,7 +42,7 @@ def render(diagnosis: Diagnosis) -> str:
         wrong=[_row(entry) for entry in finding["wrong"][:_LINES]],
         more=max(0, len(finding["wrong"]) - _LINES), story=story(finding["wrong"]),
         pictures=over_time(finding["wrong"], traces), shares=_shares(finding, getattr(diagnosis, "suspects", [])),
-        causes=[_cause(c, finding) for c in shown_causes(finding)], doubt=in_doubt(finding),
+        causes=[_cause(c, finding, diagnosis.car.values) for c in shown_causes(finding)], doubt=in_doubt(finding),
         place=_place(diagnosis), rivals=_rivals(finding),
         next=finding["next_manoeuvre"], unknown=_unknown(finding["unknown"]),
         disturbances=what_is_missing(finding["unknown"], getattr(diagnosis, "disturbance", {}),
@@ -83,7 +84,7 @@ def _shares(finding: Mapping[str, Any], suspects: Iterable[Mapping[str, Any]]) -
     return rows if rest < 0.0 else [*rows, {"name": other, "share": rest, "rest": True}]
 
 
-def _cause(cause: Mapping[str, Any], finding: Mapping[str, Any]) -> dict[str, Any]:
+def _cause(cause: Mapping[str, Any], finding: Mapping[str, Any], values: Values) -> dict[str, Any]:
     effect = CATALOGUE.get(cause["effect"])
     said, together = f"{100.0 * cause['probability']:.0f} %", finding["together"]
     if len(together) > 1 and cause["effect"] in together:  # they divide their probability
@@ -91,12 +92,12 @@ def _cause(cause: Mapping[str, Any], finding: Mapping[str, Any]) -> dict[str, An
         said = f"{100.0 * joint_probability(finding, together):.0f} % together with the {others}"
     return {"name": words(cause["effect"]), "said": said, "moved": moved(cause),
             "summary": summary(cause),
-            "parameters": [_parameter(name, p, effect) for name, p in cause["parameters"].items()]}
+            "parameters": [_parameter(name, p, effect, values) for name, p in cause["parameters"].items()]}
 
 
-def _parameter(name: str, p: Mapping[str, Any], effect: Any) -> dict[str, Any]:
+def _parameter(name: str, p: Mapping[str, Any], effect: Effect | None, values: Values) -> dict[str, Any]:
     declared = next((d for d in (*effect.parameters, *effect.elsewhere) if d.name == name), None) if effect else None
-    low, high = declared.limits if declared else (-np.inf, np.inf)
+    low, high = declared.range(values) if declared else (-np.inf, np.inf)
     if declared and declared.scale == "log":
         low, high = sorted((low * p["nominal"], high * p["nominal"]))
     elif declared:
