@@ -148,16 +148,16 @@ class Search:
         """Whoever leads gets derivatives of its own and is challenged from there, until nobody takes the lead."""
         for _ in range(_TURNS):
             leader = self.pool.worthy()[0]
-            if leader.causes and leader.causes not in self.scanned:  # by everything it is settled after that
-                leader = self.pool.settle(leader, everything=False)
-                self.pool.enter(self._afresh(leader, leader.causes))
-            elif not leader.causes and leader.causes not in self.scanned:
-                self.pool.enter(self._afresh(leader, leader.causes))
+            needed = self._needed(leader)
+            if needed.causes not in self.scanned:
+                if needed.causes:  # by everything a leader is settled after that
+                    needed = self.pool.settle(needed, everything=False)
+                self.pool.enter(self._afresh(needed, needed.causes))
             elif not leader.settled:
                 self.pool.settle(leader)
             elif leader.causes != self.pool.judged:
                 self.pool.judge_by(leader)
-            elif not (self._challenged(leader) or self._swapped(leader) or self._rivals_settled(leader)
+            elif not (self._challenged(leader) or self._swapped(needed) or self._rivals_settled(leader)
                       or self._once_more(leader)):
                 break
 
@@ -255,6 +255,15 @@ class Search:
                 fits += self._afresh(leader, leader.without(gone))
         self.pool.enter(fits)
         return bool(fits)
+
+    def _needed(self, leader: Fit) -> Fit:
+        """The fewest of a leader's causes, one at least, with which a supposition cannot be told from it.
+
+        Where something is missing that no cause is, one after the other takes the lead with a further cause, by less
+        than fits differ by; a search beside each of these finds the next such.
+        """
+        fewer = [fit for fit in self._close(leader) if fit.causes and set(fit.causes) < set(leader.causes)]
+        return min(fewer, key=lambda fit: len(fit.causes), default=leader)
 
     # -- who cannot be told from the leader -------------------------------------------------------
 

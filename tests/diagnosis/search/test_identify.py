@@ -71,6 +71,22 @@ def test_everything_is_scanned_beside_a_leader_and_in_place_of_each_of_its_cause
     assert search._swapped(result.best) and search.scanned == {("curve",), ("size",)}
 
 
+def test_beside_a_cause_that_may_as_well_not_be_there_nothing_is_searched():
+    """But beside the others, and beside a single one that may not be there either."""
+    search, result = found({"size": 0.3, "curve": 0.8})
+    leader, fits = result.best, search.pool.fits
+    assert search._needed(leader) is leader and search._needed(fits["curve",]) is fits["curve",]
+    fits["curve",].score = leader.score - 1.0
+    fits["size",].score = leader.score - 2.0
+    assert search._needed(leader) is fits["curve",]
+    fits["curve",].score = leader.score - 100.0
+    assert search._needed(leader) is fits["size",]
+    fits[()].score = fits["size",].score + 1.0
+    assert search._needed(fits["size",]) is fits["size",]
+    search.scanned.clear()
+    assert search._swapped(search._needed(leader)) and search.scanned == {()}
+
+
 def test_where_no_cause_explains_a_recording_two_are_tried_at_once():
     """Beside the size that a cause has in the file, and as if that recording were not doubtful."""
     search = Search(Plant({"size": 0.5, "phase": 0.5}), lambda text: None)
