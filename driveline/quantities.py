@@ -103,7 +103,18 @@ def parameter_variables(owner: Any, prefix: str = "") -> Iterator[Variable]:
             yield Variable(entry_name, start=float(entry), **field.metadata)
 
 
-_types = functools.cache(typing.get_type_hints)  # slow, and the same for a class every time
+_CONVERT = {"real": float, "integer": int, "boolean": bool}
+
+
+@functools.cache
+def _layout(kind: type) -> tuple[tuple[dataclasses.Field, type | None, bool], ...]:
+    """Every field of a dataclass of quantities, its class if it is another one, and whether it is a table.
+
+    Slow, and the same for a class every time.
+    """
+    types = typing.get_type_hints(kind)
+    return tuple((field, types[field.name] if dataclasses.is_dataclass(types[field.name]) else None,
+                  typing.get_origin(types[field.name]) is tuple) for field in dataclasses.fields(kind))
 
 
 def from_values(kind: type, values: Mapping[str, float], prefix: str = "") -> Any:
@@ -114,13 +125,12 @@ def from_values(kind: type, values: Mapping[str, float], prefix: str = "") -> An
     Raises:
         InputError: A value is missing; the message names it.
     """
-    types = _types(kind)
     arguments: dict[str, Any] = {}
-    for field in dataclasses.fields(kind):
+    for field, nested, table in _layout(kind):
         name = prefix + field.name
-        if dataclasses.is_dataclass(types[field.name]):
-            arguments[field.name] = from_values(types[field.name], values, name + ".")
-        elif typing.get_origin(types[field.name]) is tuple:
+        if nested is not None:
+            arguments[field.name] = from_values(nested, values, name + ".")
+        elif table:
             entries = []
             while f"{name}[{len(entries) + 1}]" in values:
                 entries.append(float(values[f"{name}[{len(entries) + 1}]"]))
@@ -128,8 +138,7 @@ def from_values(kind: type, values: Mapping[str, float], prefix: str = "") -> An
                 raise InputError(f"{name}[1] is missing: a table of {field.metadata['meaning']}")
             arguments[field.name] = tuple(entries)
         elif name in values:
-            convert = {"real": float, "integer": int, "boolean": bool}[field.metadata["kind"]]
-            arguments[field.name] = convert(values[name])
+            arguments[field.name] = _CONVERT[field.metadata["kind"]](values[name])
         elif field.default is dataclasses.MISSING:
             raise InputError(f"{name} [{field.metadata['unit']}] is missing: {field.metadata['meaning']}")
     return kind(**arguments)

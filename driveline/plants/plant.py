@@ -297,6 +297,7 @@ class Plant(KernelModel):
         rows = self._branch_rows()
         first = [int(r[k.TWIST]) for r in rows]
         lashes = [b for b, r in enumerate(rows) if r[k.LAW] == k.LASH]
+        gaps = np.array([first[b] for b in lashes], dtype=int)
         twisted = [first[b] + (r[k.LAW] == k.LASH) for b, r in enumerate(rows)
                    if r[k.LAW] in (k.SHAFT, k.LASH, k.CONTACT, k.TWO_STAGE)]
         staged = [(b, first[b], net.constants[r[k.PARAMETER] + 5]) for b, r in enumerate(rows)
@@ -307,7 +308,7 @@ class Plant(KernelModel):
         held = [first[b] for b in controlled]
         reset_time = net.constants[[rows[b][k.PARAMETER] + 9 for b in controlled]]
         body = net.nodes[self.body]
-        unknown = [i for i in range(n_nodes) if i != body] + twisted + settled + held
+        unknown = np.array([i for i in range(n_nodes) if i != body] + twisted + settled + held, dtype=int)
         shape = speeds / speeds[body]
         stuck = [b for b, r in enumerate(rows) if r[k.LAW] in k.DRY and modes[b] == 0.0]
         slips = self.kinematics()[stuck]
@@ -315,36 +316,35 @@ class Plant(KernelModel):
         result = np.zeros(2 * n)
         evaluate = self._rates_kernel.bind(self.state, net.plan, net.constants, net.work, self._inputs, result)
 
-        def residual(x: np.ndarray) -> np.ndarray:
-            self.state[unknown] = x[:-1]
-            for b in lashes:  # the rate of the shaft's own twist
-                self.state[first[b]] = self.state[first[b] + 1]
-            for b, twist, width in staged:
-                self.state[net.modes][b] = np.sign(self.state[twist]) * (abs(self.state[twist]) > width)
-            evaluate()
-            rates = result[:n]
+        def residuals(points: np.ndarray) -> np.ndarray:
+            """What has to vanish (points x equations); leaves the plant at the last point."""
+            states, rates = np.empty((len(points), n)), np.empty((len(points), n))
+            for row, x in enumerate(points):
+                self.state[unknown] = x[:-1]
+                self.state[gaps] = self.state[gaps + 1]  # the rate of the shaft's own twist
+                for b, twist, width in staged:
+                    modes[b] = np.sign(self.state[twist]) * (abs(self.state[twist]) > width)
+                evaluate()
+                states[row], rates[row] = self.state[:n], result[:n]
             # a control holds its slip, or nothing: where what is beside the clutch carries the torque with less
-            holding = np.maximum(rates[held], -self.state[held] / reset_time)
-            return np.concatenate([rates[:n_nodes] - shape * x[-1], rates[twisted], rates[settled], holding,
-                                   slips @ self.state[:n_nodes]])
+            holding = np.maximum(rates[:, held], -states[:, held] / reset_time)
+            return np.hstack([rates[:, :n_nodes] - shape * points[:, -1:], rates[:, twisted], rates[:, settled],
+                              holding, states[:, :n_nodes] @ slips.T])
 
         for _ in range(3):
             x, change = np.append(self.state[unknown], 0.0), np.inf
             for _ in range(12):
-                r = residual(x)
+                [r] = residuals(x[None])
                 if change > _NEARLY:
-                    jacobian = np.empty((r.size, x.size))
-                    for j, h in enumerate(1e-6 * (1.0 + np.abs(x))):
-                        beside = x.copy()
-                        beside[j] += h
-                        jacobian[:, j] = (residual(beside) - r) / h
+                    steps = 1e-6 * (1.0 + np.abs(x))
+                    jacobian = ((residuals(x + np.diag(steps)) - r) / steps[:, None]).T
                     inverse = np.linalg.pinv(jacobian, rcond=np.finfo(float).eps * max(jacobian.shape))
                 delta = inverse @ -r
                 x = x + delta
                 change = np.abs(delta).max() / (1.0 + np.abs(x).max())
                 if change < 1e-12:
                     break
-            residual(x)
+            residuals(x[None])
             torques = result[n:n + len(net.branches)]
             wrong = [b for b in lashes if torques[b] * self.state[net.modes][b] < 0.0]
             for b in wrong:
