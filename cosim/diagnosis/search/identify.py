@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -46,6 +46,8 @@ _PUSH_ALIKE = 2.0
 # behind a wrong leader, and gained 27 by further ways.
 _AS_MANY = 20.0
 _TURNS = 30  # steps of the search, at most; some three a cause
+# Probability of nothing wrong from which on no cause is named, even if one leads: one chance in three, a judgement.
+_NOTHING = 1.0 / 3.0
 
 
 @dataclass
@@ -53,8 +55,8 @@ class Identification:
     """What the search found.
 
     Attributes:
-        best: The most probable supposition; no causes where nothing is wrong. Of those that do the same the best, where
-            they are together more probable than any other.
+        best: The most probable supposition; no causes where nothing is significantly wrong. Of those that do the same
+            the best, where they are together more probable than any other.
         alternatives: All suppositions that were fitted, ``best`` first, then by evidence.
         healthy: The supposition without causes.
         noise: Under which they were compared.
@@ -88,6 +90,14 @@ class Identification:
     def apart(self, fit: Fit) -> float:
         """How far a supposition is from the best [sigma]."""
         return separation(self.lead(fit), self.temper)
+
+    def significant(self) -> Identification:
+        """The same, with no cause as the best where that has one chance in three: then none of them is significant."""
+        nothing = sum(share for fit, share in zip(self.alternatives, self.shares()) if not fit.causes)
+        if not self.best.causes or nothing < _NOTHING:
+            return self
+        others = [fit for fit in self.alternatives if fit.causes]
+        return replace(self, best=self.healthy, alternatives=[self.healthy, *others])
 
 
 class Search:
@@ -134,10 +144,11 @@ class Search:
         self._put_instead()
         self._put_around()
         leader, *others = self._likeliest([fit for fit in self.pool.worthy() if self.pool.plausible(fit)])
-        noise = self.pool.noise
-        shown = detectable(self.fitter.seen(self.file, noise), self.coordinates, -EFFECT,
+        noise, named = self.pool.noise, -EFFECT + self.temper * np.log(1.0 / _NOTHING - 1.0)
+        shown = detectable(self.fitter.seen(self.file, noise), self.coordinates, named,
                            partial(self.fitter.changed, self.file, noise))
-        return Identification(leader, [leader, *others], self.pool.fits[()], noise, self.alike, shown, self.temper)
+        return Identification(leader, [leader, *others], self.pool.fits[()], noise, self.alike, shown,
+                              self.temper).significant()
 
     @property
     def temper(self) -> float:

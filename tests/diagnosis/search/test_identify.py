@@ -10,7 +10,7 @@ from scipy.stats import norm
 from vibration import CLOCK, DETECTION, Plant, WithPlay, WithStages, found
 
 from cosim.diagnosis import catalogue
-from cosim.diagnosis.search.identify import APART, Search, tempered
+from cosim.diagnosis.search.identify import APART, Identification, Search, tempered
 from cosim.diagnosis.search.pool import SMALLEST
 
 
@@ -131,6 +131,19 @@ def test_who_is_near_the_leader_is_fitted_in_further_ways_once():
     better = search.pool.fits[causes]
     assert better.shared[0] == pytest.approx(0.2, abs=0.02) and better.score > leader.score - 8.0
     assert not search._once_more(leader)
+
+
+@pytest.mark.parametrize("lead, best", [(-5.0, ()), (1.2, ()), (1.6, ("drag",)), (30.0, ("drag",))])
+def test_a_cause_is_named_that_is_twice_as_likely_as_nothing(lead, best):
+    """Odds of 2 are a lead of 1.39, tempered by 2."""
+    healthy, drag = (SimpleNamespace(causes=causes, effects=causes, score=score, hope=score, near=True)
+                     for causes, score in (((), 0.0), (("drag",), lead)))
+    first, second = (drag, healthy) if lead > 0.0 else (healthy, drag)
+    found = Identification(first, [first, second], healthy, None, [], {})
+    named = found.significant()
+    assert named.best.causes == best and named.alternatives[0] is named.best
+    assert {fit.causes: share for fit, share in zip(named.alternatives, named.shares())} == pytest.approx(
+        {fit.causes: share for fit, share in zip(found.alternatives, found.shares())})
 
 
 def test_where_fits_of_the_same_supposition_differ_a_lead_counts_for_less():
