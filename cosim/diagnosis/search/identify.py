@@ -92,7 +92,7 @@ class Identification:
         return separation(self.lead(fit), self.temper)
 
     def significant(self) -> Identification:
-        """The same, with no cause as the best where that has one chance in three: then none of them is significant."""
+        """The same, with nothing wrong as the best where that has one chance in three: no cause is significant then."""
         nothing = sum(share for fit, share in zip(self.alternatives, self.shares()) if not fit.causes)
         if not self.best.causes or nothing < _NOTHING:
             return self
