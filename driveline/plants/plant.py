@@ -346,9 +346,8 @@ class Plant(KernelModel):
                     break
             residuals(x[None])
             torques = result[n:n + len(net.branches)]
-            wrong = [b for b in lashes if torques[b] * self.state[net.modes][b] < 0.0]
-            for b in wrong:
-                self.state[net.modes][b] *= -1.0
+            wrong = [b for b in lashes if torques[b] * modes[b] < 0.0]
+            modes[wrong] *= -1.0
             if not wrong:
                 break
         # nothing, not nearly nothing: that would still fall

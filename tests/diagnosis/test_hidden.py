@@ -253,6 +253,7 @@ def test_what_no_size_of_shows_in_a_vehicle_is_not_said_to_be_hidden(tmp_path, m
     (["backlash_location=0.05"], "from -0.0160745 to 0.0439823 is plausible"),
     (["--vehicle", "emps"], "has no gears"),
     (["torque_meter_filter=0", "--variant", "baseline"], "changes nothing"),
+    (["torque_meter_filter=-0.01", "--variant", "baseline"], "from 0 to 0.2 is plausible"),
     (["vehicle_mass=much"], "a number is needed"),
     (["wheel_speed_delay=30 kg"], "cannot be converted"),
     (["wheel_inertia=3 kg.m2"], "a factor is needed"),

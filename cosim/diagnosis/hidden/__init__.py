@@ -200,7 +200,7 @@ def sizes_of(effect: Effect, text: str, nominal: Mapping[str, float],
     """
     if not text:
         sizes = drawn(effect, random)
-        return {p.name: float(np.clip(sizes[p.name], *p.range(nominal))) for p in effect.parameters if p.name in sizes}
+        return {p.name: p.within(sizes[p.name], nominal) for p in effect.parameters if p.name in sizes}
     if ":" in text:
         named = dict(part.partition(":")[::2] for part in text.split(","))
         effect.complete({name.strip(): 0.0 for name in named})
