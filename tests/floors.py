@@ -1,9 +1,11 @@
-"""Noise of the channels that tests add, root mean square, in the channels' units; a run as if it had been measured."""
+"""Noise of the channels that tests add, root mean square, in the channels' units; a run as if it had been measured, and
+the begin of one."""
 
 from dataclasses import replace
 
 import numpy as np
 
+from cosim.diagnosis.plants import STEP
 from cosim.diagnosis.plants.car import led_by
 
 FLOORS = {"engine_speed": 0.06, "turbine_speed": 0.06, "transmission_output_speed": 0.06, "wheel_speed": 0.012,
@@ -18,3 +20,11 @@ def measured(car, run, raw):
     read = {name: shown[place] + FLOORS[name] * random.standard_normal(place.stop - place.start)
             for name, place in run.slices.items()}
     return replace(led_by(run, raw), measured=read)
+
+
+def shortened(run, seconds=4.0):
+    """The begin of a run, for tests that simulate it some hundred times; a tip-in is within its first 1.5 s."""
+    early = {name: clock <= run.start + seconds for name, clock in run.clocks.items()}
+    return replace(run, inputs=run.inputs[:round(seconds / STEP)],
+                   clocks={name: clock[early[name]] for name, clock in run.clocks.items()},
+                   measured={name: values[early[name]] for name, values in run.measured.items()})

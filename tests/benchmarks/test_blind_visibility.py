@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 
 import pytest
+from floors import shortened
 
 from benchmarks.blind.visibility import visibility
 from cosim.diagnosis.fit.fitting import Fitter
@@ -16,7 +17,7 @@ def diagnosed(folder):
     """As much of a diagnosis as is looked at: a healthy car was fitted, and nothing else was found."""
     measurement = load(folder)
     car = plant_for(measurement)
-    runs, _ = car.stretches(measurement)
+    runs = [shortened(run) for run in car.runs(measurement)]
     fitter = Fitter(Predictor(car, runs, coordinates(car, runs)))
     file = fitter.nominal()
     noise = fitter.noise(file)

@@ -64,15 +64,8 @@ class Errors:
         Raises:
             InputError: There is no such error.
         """
-        found = {}
-        start = f"{PREFIX}{channel}."
-        for name in values:
-            if name.startswith(start):
-                error = name[len(start):]
-                if error not in NEUTRAL:
-                    raise InputError(f"{name}: a channel has {', '.join(NEUTRAL)}")
-                found[error] = float(values[name])
-        errors = cls(**found)
+        named = _named(tuple(values)).get(channel, {})
+        errors = cls(**{error: float(values[name]) for error, name in named.items()})
         if channel == METERED:
             period = errors.filter_period
             if values.get("torque_meter.enabled", 0.0):
@@ -89,6 +82,19 @@ class Errors:
     def stamps(self, instants: np.ndarray) -> np.ndarray:
         """At what time of the logger [s] it wrote what was true at ``instants``."""
         return (1.0 + self.clock_drift) * (instants + self.delay) + self.clock_offset
+
+
+@lru_cache(maxsize=8)
+def _named(names: tuple[str, ...]) -> dict[str, dict[str, str]]:
+    """Of each channel, the errors among the names of values, and what they are called there."""
+    found: dict[str, dict[str, str]] = {}
+    for name in names:
+        if name.startswith(PREFIX):
+            channel, _, error = name.removeprefix(PREFIX).partition(".")
+            if error not in NEUTRAL:
+                raise InputError(f"{name}: a channel has {', '.join(NEUTRAL)}")
+            found.setdefault(channel, {})[error] = name
+    return found
 
 
 def observe(raw: Mapping[str, np.ndarray], time: np.ndarray, values: Mapping[str, float], channel: str,

@@ -18,7 +18,7 @@ from cosim.diagnosis.plants.hats import hats
 def missing(car, run, raw, places=PLACES, loaded=False):
     """The disturbances found at some places where this was measured, and the run as measured."""
     led = measured(car, run, raw)
-    with Predictor(car, [led], coordinates(car, [led]), 2) as predictor:
+    with Predictor(car, [led], coordinates(car, [led])) as predictor:
         fitter = Fitter(predictor)
         fit = fitter.nominal()
         noise = fitter.noise(fit)

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from floors import shortened
 
 from cosim.diagnosis.fit.evidence import prior
 from cosim.diagnosis.fit.fitting import Fitter
@@ -16,11 +17,11 @@ from cosim.measured import load
 
 
 def tip_in(folder, *effects):
-    """A tip-in: the fitter, the vehicle file as it is, and the noise."""
+    """The begin of a tip-in: the fitter, the vehicle file as it is, and the noise."""
     hide(effects, 2, folder, structure="same", drift="none", manoeuvres=["tip_in:5"])
     measurement = load(folder)
     car = FullOrderCar(measurement.vehicle, measurement.variant)
-    runs = car.runs(measurement)
+    runs = [shortened(run) for run in car.runs(measurement)]
     fitter = Fitter(Predictor(car, runs, coordinates(car, runs)))
     fit = fitter.nominal()
     return fitter, fit, fitter.noise(fit)

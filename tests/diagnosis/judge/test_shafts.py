@@ -20,7 +20,7 @@ def asked(car, run, hardening):
     curve = {f"input.{name}.offset": hardening * x**3 for name, x in zip(HEIGHTS, knots)}
     raw = harder.raw(harder.values | curve, harder.bent(run.free, knots))
     led = measured(car, run, raw)
-    with Predictor(car, [led], coordinates(car, [led]), 2) as predictor:
+    with Predictor(car, [led], coordinates(car, [led])) as predictor:
         fitter = Fitter(predictor)
         file = fitter.nominal()
         noise = fitter.noise(file)
