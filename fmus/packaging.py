@@ -237,7 +237,7 @@ def build(out: Path, names: Iterable[str] = tuple(FMUS), vehicle: str = SHIPPED_
     if unknown := set(names) - set(FMUS):
         raise InputError(f"there is no FMU {', '.join(sorted(unknown))}: possible are {', '.join(FMUS)}")
     values = load(vehicle, variant)
-    libraries = native.libraries()
+    libraries = native.libraries().values()
     for name in names:
         model = MODELS[name](MODELS[name].defaults_from(values, gear))
         folder = HERE / FMUS[name]

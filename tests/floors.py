@@ -22,8 +22,8 @@ def measured(car, run, raw):
     return replace(led_by(run, raw), measured=read)
 
 
-def shortened(run, seconds=4.0):
-    """The begin of a run, for tests that simulate it some hundred times; a tip-in is within its first 1.5 s."""
+def shortened(run, seconds):
+    """The begin of a run, for tests that simulate it some hundred times; the driver tips in within its first 1.5 s."""
     early = {name: clock <= run.start + seconds for name, clock in run.clocks.items()}
     return replace(run, inputs=run.inputs[:round(seconds / STEP)],
                    clocks={name: clock[early[name]] for name, clock in run.clocks.items()},

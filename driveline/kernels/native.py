@@ -99,17 +99,18 @@ def build(targets: Iterable[str], out: Path | str) -> list[Path]:
     return libraries
 
 
-def libraries(targets: Iterable[str] = tuple(TARGETS)) -> list[Path]:
-    """The libraries for some targets: from the cache, what is not there built into it together.
+def libraries() -> dict[str, Path]:
+    """The library for every target: from the cache, what is not there built into it.
+
+    All of them together take hardly longer than one; FMUs carry them all.
 
     Raises:
         Unavailable: They cannot be built.
     """
-    targets = list(targets)
     _need_tools()
     folder = _cache() / "kernels" / _fingerprint()
-    paths = [folder / TARGETS[name]["file"] for name in targets]
-    missing = [name for name, path in zip(targets, paths, strict=True) if not _is_whole(path)]
+    paths = {name: folder / target["file"] for name, target in TARGETS.items()}
+    missing = [name for name, path in paths.items() if not _is_whole(path)]
     if missing:
         build(missing, folder)
     return paths
@@ -124,7 +125,7 @@ def library() -> Path:
     machine = this_machine()
     if machine not in TARGETS:
         raise Unavailable(f"the kernels are not compiled for {machine}, only for {', '.join(TARGETS)}")
-    return libraries([machine])[0]
+    return libraries()[machine]
 
 
 def _need_tools() -> None:

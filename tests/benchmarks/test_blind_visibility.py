@@ -17,7 +17,7 @@ def diagnosed(folder):
     """As much of a diagnosis as is looked at: a healthy car was fitted, and nothing else was found."""
     measurement = load(folder)
     car = plant_for(measurement)
-    runs = [shortened(run) for run in car.runs(measurement)]
+    runs = [shortened(run, 4.0) for run in car.runs(measurement)]
     fitter = Fitter(Predictor(car, runs, coordinates(car, runs)))
     file = fitter.nominal()
     noise = fitter.noise(file)

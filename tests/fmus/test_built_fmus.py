@@ -185,7 +185,7 @@ def test_the_script_builds_the_same_bytes_again(fmus, tmp_path):
 
 
 def test_an_fmu_can_bear_another_name_and_gear(tmp_path, monkeypatch):
-    monkeypatch.setattr(native, "libraries", lambda: [])
+    monkeypatch.setattr(native, "libraries", dict)
     path, = packaging.build(tmp_path, ["plant_fom"], gear=3, suffix="_extended")
     described = fmpy.read_model_description(str(path))
     assert path.name == "plant_fom_extended.fmu"

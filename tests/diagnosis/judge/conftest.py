@@ -7,4 +7,4 @@ from floors import shortened
 @pytest.fixture(scope="module")
 def car_and_run(car_and_run):
     car, run = car_and_run
-    return car, shortened(run)
+    return car, shortened(run, 3.0)

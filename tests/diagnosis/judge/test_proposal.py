@@ -21,7 +21,7 @@ def tip_in(folder, *effects):
     hide(effects, 2, folder, structure="same", drift="none", manoeuvres=["tip_in:5"])
     measurement = load(folder)
     car = FullOrderCar(measurement.vehicle, measurement.variant)
-    runs = [shortened(run) for run in car.runs(measurement)]
+    runs = [shortened(run, 4.0) for run in car.runs(measurement)]
     fitter = Fitter(Predictor(car, runs, coordinates(car, runs)))
     fit = fitter.nominal()
     return fitter, fit, fitter.noise(fit)
