@@ -6,5 +6,6 @@ from floors import shortened
 
 @pytest.fixture(scope="module")
 def car_and_run(car_and_run):
+    """A car, and the first 3 s of its tip-in."""
     car, run = car_and_run
     return car, shortened(run, 3.0)
