@@ -28,9 +28,9 @@ _RISE = 0.5  # of the curve of healthy shafts from knot to knot, over how high i
 _RISES = KNOTS - 1
 _STRANGER = 12.0  # times what healthy shafts have of it, one sigma
 _STEP = 0.3  # of differences, in sigmas of healthy shafts
-# Log evidence over what was found that a curve that is not settled yet has to have, beside that or alone: from the file
+# Log evidence over what was found that a curve that is not settled yet has to have, alone or beside that: from the file
 # with what may only imitate it in its place a fit has further to go.
-_BESIDE, _ALONE = 0.0, -50.0
+_PROMISING = (-50.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -131,16 +131,16 @@ def bent_shafts(fitter: Fitter, found: Identification, file: Fit) -> Bent | None
     """
     base, noise = fitter.predictor, found.noise.undoubted
     best, healthy = (fitter.assess(replace(fit), noise) for fit in (found.best, found.healthy))
-    starts, promising = [file], [_BESIDE]
+    starts = [file]
     if best.causes:
         shared, *points = (as_found(base, best, x) for x in (best.shared, *best.points))
         starts.append(replace(best, shared=shared, points=points))
-        promising = [_ALONE, _BESIDE]
     curves = Curves(base, noise, best)
     with curves.predictor:
         cooled = [curves.cooled(curves.start(start, strange=True)) for start in starts]
+        # the last is beside what was found, also where that is nothing
         settled = [curves.settled(fit) if fit.score - best.score > least else None
-                   for fit, least in zip(cooled, promising)]
+                   for fit, least in zip(cooled, _PROMISING[-len(starts):])]
         if max((fit.score for fit in settled if fit), default=-np.inf) <= best.score:
             return None
         # alone it has further to go, and may get further

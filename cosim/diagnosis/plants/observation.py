@@ -64,7 +64,7 @@ class Errors:
         Raises:
             InputError: There is no such error.
         """
-        named = _named(tuple(values)).get(channel, {})
+        named = _by_channel(tuple(values)).get(channel, {})
         errors = cls(**{error: float(values[name]) for error, name in named.items()})
         if channel == METERED:
             period = errors.filter_period
@@ -85,7 +85,7 @@ class Errors:
 
 
 @lru_cache(maxsize=8)
-def _named(names: tuple[str, ...]) -> dict[str, dict[str, str]]:
+def _by_channel(names: tuple[str, ...]) -> dict[str, dict[str, str]]:
     """Of each channel, the errors among the names of values, and what they are called there."""
     found: dict[str, dict[str, str]] = {}
     for name in names:
