@@ -2,6 +2,7 @@
 
 import os
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,15 @@ import pytest
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 sys.path.insert(0, str(Path(__file__).parent))  # runs.py, drives.py ... for several
+
+
+def pytest_configure() -> None:
+    """Compile the kernels once, before there are processes that would each do it."""
+    from driveline.kernels import native
+
+    if "PYTEST_XDIST_WORKER" not in os.environ:
+        with suppress(native.Unavailable):  # tests that need them say why there are none
+            native.libraries()
 
 
 @pytest.fixture(scope="session")

@@ -4,6 +4,9 @@ Runs in a process of its own (``native.build`` starts it), because Numba must be
 import to aim at an ordinary x86-64 processor instead of the one at hand: the bytes of the library,
 and the numbers it gives, must not depend on the machine that built it.
 
+The entry points of each kernel module are compiled in a process of their own again, and so is the library for each
+system: on two cores that takes half as long.
+
 The library exports, for each entry point ``f(array, ..., scalar, ...)``, a C function ::
 
     int64_t f(void *const *arrays, double or int64_t scalar, ...);
@@ -17,7 +20,10 @@ import json
 import subprocess
 import sys
 import textwrap
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from itertools import repeat
+from multiprocessing import get_context
 from pathlib import Path
 
 from . import backend
@@ -138,34 +144,62 @@ def optimise(module, machine) -> None:
         raise CompileError(f"a kernel calls {', '.join(foreign)}, not known to give Python's bits")
 
 
-def build(targets: dict[str, dict[str, str]], out: Path) -> None:
-    """Compile every entry point for every target into ``out``; see ``native.build``."""
+def intermediate_code(module: str) -> str:
+    """The entry points of one kernel module as LLVM's intermediate code.
+
+    Raises:
+        CompileError: They cannot be compiled.
+    """
+    backend.KERNEL_MODULES = (module,)
+    try:
+        return str(compile_module(backend.import_entry_points()))
+    except Exception as error:  # the parent shows one message, not the compiler's own traceback
+        raise CompileError(_told(error)) from None
+
+
+def write_library(code: str, target: Mapping[str, str], out: Path) -> None:
+    """Optimise intermediate code for a target and link it; ``exports.c`` is in ``out`` already.
+
+    Raises:
+        CompileError: As ``optimise``.
+    """
     import llvmlite.binding as llvm
 
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
+    module = llvm.parse_assembly(code)
+    module.triple = target["triple"]
+    machine = llvm.Target.from_triple(target["triple"]).create_target_machine(
+        cpu=CPU, opt=3, reloc="pic", codemodel="default")
+    module.data_layout = str(machine.target_data)
+    optimise(module, machine)
+    objects = Path(target["file"]).with_suffix(".o").name
+    (out / objects).write_bytes(machine.emit_object(module))
+    sources = ["exports.c", objects]
+    if "windows" in target["zig"]:
+        (out / "windows.c").write_text(WINDOWS_SOURCE)
+        sources.append("windows.c")
+        names = "\n".join(sorted(C_LIBRARY - {"sincos"}))
+        (out / "runtime.def").write_text(f"LIBRARY {WINDOWS_RUNTIME}.dll\nEXPORTS\n{names}\n")
+        subprocess.run([sys.executable, "-m", "ziglang", "dlltool", "-m", "i386:x86-64", "-d", "runtime.def",
+                        "-l", f"lib{WINDOWS_RUNTIME}.a"], cwd=out, check=True)
+    subprocess.run(
+        [sys.executable, "-m", "ziglang", "cc", "-O2", "-s", "-shared", "-target", target["zig"],
+         *sources, *target["flags"], "-o", target["file"]], cwd=out, check=True)
+
+
+def build(targets: Sequence[Mapping[str, str]], out: Path) -> None:
+    """Compile every entry point for every target into ``out``; see ``native.build``."""
+    import llvmlite.binding as llvm
+
     functions = backend.import_entry_points()
     (out / "exports.c").write_text(HEADER + "".join(wrapper_source(*item)[1] for item in functions.items()))
-    ir = str(compile_module(functions))
-    for target in targets.values():
-        module = llvm.parse_assembly(ir)
-        module.triple = target["triple"]
-        machine = llvm.Target.from_triple(target["triple"]).create_target_machine(
-            cpu=CPU, opt=3, reloc="pic", codemodel="default")
-        module.data_layout = str(machine.target_data)
-        optimise(module, machine)
-        (out / "kernels.o").write_bytes(machine.emit_object(module))
-        sources = ["exports.c", "kernels.o"]
-        if "windows" in target["zig"]:
-            (out / "windows.c").write_text(WINDOWS_SOURCE)
-            sources.append("windows.c")
-            names = "\n".join(sorted(C_LIBRARY - {"sincos"}))
-            (out / "runtime.def").write_text(f"LIBRARY {WINDOWS_RUNTIME}.dll\nEXPORTS\n{names}\n")
-            subprocess.run([sys.executable, "-m", "ziglang", "dlltool", "-m", "i386:x86-64", "-d", "runtime.def",
-                            "-l", f"lib{WINDOWS_RUNTIME}.a"], cwd=out, check=True)
-        subprocess.run(
-            [sys.executable, "-m", "ziglang", "cc", "-O2", "-s", "-shared", "-target", target["zig"],
-             *sources, *target["flags"], "-o", target["file"]], cwd=out, check=True)
+    with ProcessPoolExecutor(max(len(backend.KERNEL_MODULES), len(targets)), get_context("spawn")) as pool:
+        whole, *others = map(llvm.parse_assembly, pool.map(intermediate_code, backend.KERNEL_MODULES))
+        for other in others:
+            whole.link_in(other)
+        for _ in pool.map(write_library, repeat(str(whole)), targets, repeat(out)):
+            pass
 
 
 def _told(error: Exception) -> str:
@@ -180,6 +214,6 @@ if __name__ == "__main__":
     sys.path[:] = request["path"]
     backend.KERNEL_MODULES = tuple(request["modules"])
     try:
-        build(request["targets"], Path(request["out"]))
-    except Exception as error:  # the parent shows one message, not the compiler's own traceback
-        sys.exit(_told(error))
+        build(list(request["targets"].values()), Path(request["out"]))
+    except CompileError as error:
+        sys.exit(str(error))
