@@ -19,7 +19,7 @@ from .assembly import GROUND, Network
 # Runge-Kutta's method of order four is stable for step times rate below 2.78; this keeps off it.
 STABLE = 2.5
 _NOTHING = 1e-9  # N.m
-_NEARLY = 1e-4  # relative step of Newton's method below which its derivatives are kept
+_NEARLY = 1e-2  # relative step of Newton's method below which its derivatives are kept
 
 STATUS = {
     k.NOT_FINITE: "a state is no longer finite; look for a parameter far from its usual size, or "
@@ -331,8 +331,8 @@ class Plant(KernelModel):
             return np.hstack([rates[:, :n_nodes] - shape * points[:, -1:], rates[:, twisted], rates[:, settled],
                               holding, states[:, :n_nodes] @ slips.T])
 
+        x, change = np.append(self.state[unknown], 0.0), np.inf
         for _ in range(3):
-            x, change = np.append(self.state[unknown], 0.0), np.inf
             for _ in range(12):
                 [r] = residuals(x[None])
                 if change > _NEARLY:

@@ -6,6 +6,7 @@ import dataclasses
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -185,13 +186,11 @@ class FullOrderCar(InstrumentedPlant):
     def _anchor(self, inputs: np.ndarray, values: Mapping[str, float], run: Run) -> None:
         """What leads the plant, as it was before its sensor was late; where frames are lost nothing does."""
         self._plant.led = tuple(run.anchors)
-        middle = run.time - 0.5 * STEP
         for name, shown in run.anchors.items():
-            errors = Errors.of(name, values)
-            stamps = np.clip(errors.stamps(middle), shown.x[0], shown.x[-1])
-            inputs[:, self.columns[f"led_{name}"]] = (shown(stamps) - errors.offset) / errors.gain
+            along, leads = _leading(shown, Errors.of(name, values), run.start, len(inputs))
+            inputs[:, self.columns[f"led_{name}"]] = along
             # it starts led, as the equilibrium there and what is asked of it are
-            inputs[1:, self.columns[f"leads_{name}"]] = known(shown.x, stamps[1:])
+            inputs[1:, self.columns[f"leads_{name}"]] = leads[1:]
 
     def _prepared(self, values: Mapping[str, float], run: Run, nuisance: Nuisance,
                   torque: np.ndarray | float) -> np.ndarray:
@@ -332,6 +331,14 @@ def led_by(run: Run, raw: Mapping[str, np.ndarray]) -> Run:
     """A run led along what a simulation shows, as if that had been measured, by sensors without errors."""
     return dataclasses.replace(run, gaps=(), anchors={name: CubicSpline(run.time, raw[name]) for name in ANCHORS
                                                       if name in run.clocks})
+
+
+@lru_cache(maxsize=64)  # most of what is varied does nothing to a sensor that leads
+def _leading(shown: CubicSpline, errors: Errors, start: float, steps: int) -> tuple[np.ndarray, np.ndarray]:
+    """What a channel was at every step before its sensor erred, and whether it is known there."""
+    middle = start + STEP * np.arange(1, steps + 1) - 0.5 * STEP
+    stamps = np.clip(errors.stamps(middle), shown.x[0], shown.x[-1])
+    return (shown(stamps) - errors.offset) / errors.gain, known(shown.x, stamps)
 
 
 def _anchors(manoeuvre: Manoeuvre) -> dict[str, CubicSpline]:

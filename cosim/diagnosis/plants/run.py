@@ -107,7 +107,8 @@ class Run:
         for name, i in columns.items():
             gain, offset = values.get(f"input.{name}.gain", 1.0), values.get(f"input.{name}.offset", 0.0)
             way = -1.0 if self.back and f"input.{name}.offset" == SLOPE else 1.0
-            inputs[:, i] = gain * inputs[:, i] + way * offset
+            if (gain, offset) != (1.0, 0.0):  # one or two of some ten
+                inputs[:, i] = gain * inputs[:, i] + way * offset
         return inputs
 
     def stack(self, of: Mapping[str, float]) -> np.ndarray:
