@@ -153,7 +153,7 @@ def intermediate_code(module: str) -> str:
     backend.KERNEL_MODULES = (module,)
     try:
         return str(compile_module(backend.import_entry_points()))
-    except Exception as error:  # the parent shows one message, not the compiler's own traceback
+    except Exception as error:  # not all that Numba raises can be sent to another process
         raise CompileError(_told(error)) from None
 
 
@@ -204,6 +204,8 @@ def build(targets: Sequence[Mapping[str, str]], out: Path) -> None:
 
 def _told(error: Exception) -> str:
     """The innermost cause of a failed compilation: Numba tells it last, under every caller's name."""
+    if isinstance(error, CompileError):
+        return str(error)
     _, nested, cause = str(error).rpartition("raised a specific error:")
     told = cause.partition("During:")[0] if nested else f"{type(error).__name__}: {cause}"
     return textwrap.dedent(told).strip()
@@ -215,5 +217,5 @@ if __name__ == "__main__":
     backend.KERNEL_MODULES = tuple(request["modules"])
     try:
         build(list(request["targets"].values()), Path(request["out"]))
-    except CompileError as error:
-        sys.exit(str(error))
+    except Exception as error:  # the parent shows one message, not the compiler's own traceback
+        sys.exit(_told(error))

@@ -303,6 +303,15 @@ def refused(x: F8) -> int:
     assert list((tmp_path / "out").iterdir()) == []
 
 
+def test_a_linker_that_fails_is_told_in_one_message(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / "no_folder").write_text("")
+    monkeypatch.setenv("ZIG_GLOBAL_CACHE_DIR", str(tmp_path / "no_folder"))
+    with pytest.raises(native.Unavailable, match="do not compile: (?s:.*)CalledProcessError: .*zig") as raised:
+        native.build([native.this_machine()], tmp_path / "out")
+    assert "Traceback" not in str(raised.value)
+    assert list((tmp_path / "out").iterdir()) == []
+
+
 @pytest.mark.parametrize(("body", "message"), [
     ("return int(x[0] ** 2)", "refused raises to a power"),
     ("return int(math.pow(x[0], 2.0))", "refused raises to a power"),
