@@ -15,7 +15,7 @@ from cosim.diagnosis.plants.base import SHORTEST, InstrumentedPlant, compared
 from cosim.diagnosis.plants.gaps import gaps, known
 from cosim.diagnosis.plants.observation import Errors
 from cosim.diagnosis.plants.ripple import beyond_samples, swing
-from cosim.diagnosis.plants.run import STEP, Nuisance, Run
+from cosim.diagnosis.plants.run import STEP, Nuisance, Run, ends
 from cosim.measured import Manoeuvre, Measurement
 from driveline.elements.driveline_parts import in_gear
 from driveline.kernels import layout as k
@@ -336,8 +336,7 @@ def led_by(run: Run, raw: Mapping[str, np.ndarray]) -> Run:
 @lru_cache(maxsize=64)  # most of what is varied does nothing to a sensor that leads
 def _leading(shown: CubicSpline, errors: Errors, start: float, steps: int) -> tuple[np.ndarray, np.ndarray]:
     """What a channel was at every step before its sensor erred, and whether it is known there."""
-    middle = start + STEP * np.arange(1, steps + 1) - 0.5 * STEP
-    stamps = np.clip(errors.stamps(middle), shown.x[0], shown.x[-1])
+    stamps = np.clip(errors.stamps(ends(start, steps) - 0.5 * STEP), shown.x[0], shown.x[-1])
     return (shown(stamps) - errors.offset) / errors.gain, known(shown.x, stamps)
 
 

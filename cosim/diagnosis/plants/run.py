@@ -72,7 +72,7 @@ class Run:
     @property
     def time(self) -> np.ndarray:
         """Instants [s] of the simulated outputs."""
-        return self.start + STEP * np.arange(1, len(self.inputs) + 1)
+        return ends(self.start, len(self.inputs))
 
     @property
     def free(self) -> Run:
@@ -114,3 +114,8 @@ class Run:
     def stack(self, of: Mapping[str, float]) -> np.ndarray:
         """A number of each channel at each of its samples, as ``stacked``."""
         return np.concatenate([np.full(clock.size, of[name]) for name, clock in self.clocks.items()])
+
+
+def ends(start: float, steps: int) -> np.ndarray:
+    """When each of some steps ends [s], of which the first begins at ``start``."""
+    return start + STEP * np.arange(1, steps + 1)
