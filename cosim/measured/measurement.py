@@ -11,7 +11,7 @@ import logging
 import re
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -182,8 +182,7 @@ def _described(described: Mapping[str, Any], where: str, folder: Path, name: str
     read = tuple(_manoeuvre(_table(m, f"{where}: manoeuvre"), common, where, folder) for m in manoeuvres)
     names = [manoeuvre.name for manoeuvre in read]
     if len(set(names)) < len(names):
-        read = tuple(Manoeuvre(f"{m.name}_{i}", m.kind, m.gear, m.channels, m.provenance, m.notices)
-                     for i, m in enumerate(read, start=1))
+        read = tuple(replace(manoeuvre, name=f"{manoeuvre.name}_{i}") for i, manoeuvre in enumerate(read, start=1))
     for manoeuvre in read:
         for notice in manoeuvre.notices:
             log.warning("%s", notice)

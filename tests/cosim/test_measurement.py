@@ -65,6 +65,16 @@ def test_channels_are_in_si_on_their_own_clocks(tmp_path):
     assert {c.unit for c in manoeuvre.channels.values()} == {"rad/s", "m/s", "N.m"}
 
 
+def test_parts_of_one_log_have_names_of_their_own_and_all_else_as_it_is(tmp_path):
+    """One of them was driven the other way, the other was not."""
+    part = '[[manoeuvre]]\nfile = "log.csv"\nkind = "ramp"\ngear = 5\nstart = "0 s"\nstop = "1 s"\n'
+    toml = TOML.replace("[[manoeuvre]]", f"{part}back = true\n[[manoeuvre]]")
+    back, there = load(write(tmp_path, toml)).manoeuvres
+    assert (there.name, there.kind, there.back, there.provenance["file"]) == ("log_2", "tip_in", False, "log.csv")
+    assert (back.name, back.kind, back.back, back.provenance["file"]) == ("log_1", "ramp", True, "log.csv")
+    assert all(isinstance(notice, str) for m in (there, back) for notice in m.notices)
+
+
 def test_one_file_with_canonical_names_needs_no_description(tmp_path):
     path = tmp_path / "bench.csv.gz"
     path.write_bytes(gzip.compress(b"time [ms],motor_speed [rpm],force\n0,60,1\n500,120,2\n"))
