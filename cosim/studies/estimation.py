@@ -27,7 +27,7 @@ from driveline.estimators import ESTIMATORS
 from driveline.estimators.estimator import Estimator
 from driveline.plants.full_order import FullOrderParameters
 from driveline.plants.reduced import reduce
-from driveline.quantities import InputError, from_values
+from driveline.quantities import InputError
 from driveline.vehicles import Vehicle
 
 PERIODS = (0.01, 0.005, 0.001)  # sampling times of the thesis [s]
@@ -104,7 +104,7 @@ class Drive:
 
     def lash_size(self) -> float:
         """Both gaps at the propeller shaft [rad], what a size estimator should find."""
-        full = from_values(FullOrderParameters, vehicle().values)
+        full = vehicle().parameters(FullOrderParameters)
         return 2.0 * self.lash * reduce(full, self.gear).three_mass.shaft.half_gap
 
 

@@ -29,7 +29,7 @@ from driveline.elements.mesh_loss import loss_torque
 from driveline.plants.full_order import FullOrderParameters
 from driveline.plants.linear import Mode, shuffle_mode
 from driveline.plants.reduced import reduce
-from driveline.quantities import from_values, parameter_variables
+from driveline.quantities import parameter_variables
 from driveline.vehicles import Vehicle
 
 SOURCE = f"{THESIS}, section 2.1.1 (ten gears; printed for 5th only), tables 2.4, 2.6"
@@ -65,7 +65,7 @@ class GearResult:
 
 def in_gear(vehicle: Vehicle, gear: int, tip_in: TipIn) -> tuple[GearResult, float | None]:
     """One gear; also the largest difference of the FMU's torque from the run in process [N.m]."""
-    p = from_values(FullOrderParameters, vehicle.values)
+    p = vehicle.parameters(FullOrderParameters)
     fifth = p.transmission.ratio[6]
     ratio = vehicle.gearbox.ratio(gear)
     tip_in = replace(tip_in, gear=gear, vehicle_speed=tip_in.vehicle_speed * fifth / ratio)

@@ -37,7 +37,7 @@ from driveline.elements.driveline_parts import in_gear
 from driveline.kernels import layout as k
 from driveline.plants.full_order import FullOrderParameters
 from driveline.plants.plant import Plant
-from driveline.quantities import from_values, parameter_variables
+from driveline.quantities import parameter_variables
 from driveline.vehicles import Vehicle
 
 SOURCE = f"{THESIS}, tables 2.5, 2.6, 2.7, 2.8"
@@ -186,7 +186,7 @@ def _run_times(findings: Findings, values: Mapping[str, Mapping[str, float]], in
 
 def _hypotheses(findings: Findings, vehicle: Vehicle, tip_in: TipIn, full: Result) -> Result:
     """The 2DOF model with mistakes in its lumping; returns the run of the likeliest."""
-    p = from_values(FullOrderParameters, vehicle.values)
+    p = vehicle.parameters(FullOrderParameters)
     frequencies, runs = {}, {}
     for mistake in MISTAKES:
         values = {v.name: v.start for v in parameter_variables(two_mass(p, mistake, tip_in.gear))}

@@ -29,7 +29,6 @@ from driveline.estimators.state_space import (
 )
 from driveline.plants.full_order import FullOrderParameters
 from driveline.plants.reduced import ThreeMassParameters, reduce
-from driveline.quantities import from_values
 
 SOURCE = f"{THESIS}, tables 3.1, 3.2, eq. 3.5 to 3.21"
 RATE = 2.0 * np.pi * 5.85  # [1/s]; scales time and angles to the shuffle of the 3DOF model
@@ -96,7 +95,7 @@ def in_words(null: list[list[Fraction]], states: tuple[str, ...]) -> str:
 def three_mass() -> ThreeMassParameters:
     """The 3DOF model of the modified vehicle in 5th gear."""
     vehicle = vehicles.load("pickup_10r80", "modified")
-    return reduce(from_values(FullOrderParameters, vehicle.values)).three_mass
+    return reduce(vehicle.parameters(FullOrderParameters)).three_mass
 
 
 def run(out: Path, progress: Callable[[float], None], pieces: int = 200) -> Findings:

@@ -4,10 +4,10 @@ The pressure follows the slip by a proportional and an integral part, so the cap
 
     C = h + K (|s|/s0 - 1),   dh/dt = K/T (|s|/s0 - 1),   0 <= C <= that of full pressure
 
-with the slip s0 that is wanted, a torque K and a reset time T; h stands still where the capacity is at one of its ends
-and h would leave it further. In steady driving the slip is s0 whatever the torque, with the sign of that. A quick
-change of torque goes into the slip first: shuffle meets a clutch that gives. Where the slip changes its sign the clutch
-is dry friction like any other and may stick. With s0 = 0 there is no such control.
+with the slip s0 that is wanted, a torque K and a reset time T; h stands still where it is nothing and would be less,
+and where the capacity is full and h would be more. In steady driving the slip is s0 whatever the torque, with the sign
+of that. A quick change of torque goes into the slip first: shuffle meets a clutch that gives. Where the slip changes
+its sign the clutch is dry friction like any other and may stick. With s0 = 0 there is no such control.
 
 The two numbers of the control are found by tuning: one degree of freedom, the engine against the measured turbine
 speed and torque, on four stretches of a drive with a 6L80 (171 s together): 2.20 rad/s, 19 N.m, 0.17 s leave 0.77 of

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..kernel_model import KernelModel
 from ..plants.reduced import LashShaft, three_mass_at_hub
-from ..quantities import InputError, Variable, from_values, parameter_variables, quantity
+from ..quantities import InputError, Variable, parameter_variables, quantity
 
 
 @dataclass(frozen=True)
@@ -113,8 +113,7 @@ class Estimator(KernelModel):
         """The driveline lumped from a vehicle file, for one gear."""
         from ..plants.full_order import FullOrderParameters
 
-        full = from_values(FullOrderParameters, vehicle.values)
-        driveline = three_mass_at_hub(full, gear, flank=cls.flank)
+        driveline = three_mass_at_hub(vehicle.parameters(FullOrderParameters), gear, flank=cls.flank)
         return {v.name: v.start for v in parameter_variables(driveline)}
 
     def constants(self, parameters: Any) -> np.ndarray:

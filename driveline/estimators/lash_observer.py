@@ -30,7 +30,7 @@ import numpy as np
 
 from ..kernels.backend import F8, entry_point, kernel
 from ..plants.reduced import LashShaft, reduce
-from ..quantities import InputError, Variable, from_values, parameter_variables, quantity
+from ..quantities import InputError, Variable, parameter_variables, quantity
 from .dead_zone import (
     ASSUMED,
     BANK,
@@ -101,7 +101,7 @@ from .dead_zone import (
     share_below,
     stiffness_of,
 )
-from .estimator import FRAME_INPUTS, Delays, Estimator, Sampling, estimate
+from .estimator import FRAME_INPUTS, Delays, Estimator, estimate
 from .lumped import PLAUSIBLE_SPEED, PLAUSIBLE_TORQUE, plausible
 from .samples import SAMPLES, linear, push, smooth
 
@@ -168,6 +168,13 @@ class ObserverNoise:
 
 
 @dataclass(frozen=True)
+class LashSampling:
+    """When frames are taken in: as often as its noise, which is told by the frame, was tried."""
+
+    period: float = quantity("s", "sampling time of the estimator", start=0.01, minimum=5e-4, maximum=0.02)
+
+
+@dataclass(frozen=True)
 class LashObserverParameters:
     """The driveline between crankshaft and hub, and what is not known about it."""
 
@@ -183,7 +190,7 @@ class LashObserverParameters:
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
     delay: Delays = field(default_factory=Delays)
     noise: ObserverNoise = field(default_factory=ObserverNoise)
-    sampling: Sampling = field(default_factory=Sampling)
+    sampling: LashSampling = field(default_factory=LashSampling)
 
 
 @kernel
@@ -463,7 +470,7 @@ class LashObserver(Estimator):
         """The driveline up to the hub, from a vehicle file, for one gear."""
         from ..plants.full_order import FullOrderParameters
 
-        full = from_values(FullOrderParameters, vehicle.values)
+        full = vehicle.parameters(FullOrderParameters)
         split = reduce(full, gear).split_lash
         ratio, final = split.gear.transmission_ratio, split.gear.final_drive_ratio
         first, second = split.transmission_shaft, split.shaft
@@ -475,7 +482,7 @@ class LashObserver(Estimator):
             output_inertia=split.output_inertia,
             wheel_inertia=2.0 * (full.hub.inertia + full.tyre.belt_inertia) + full.axle_shaft.inertia,
             shaft=LashShaft(lumped, damping, half_gap),
-            transmission_share=first.half_gap / half_gap,
+            transmission_share=first.half_gap / half_gap if half_gap > 0.0 else 0.0,
             gear=Ratios(
                 ratio, final, full.transmission.loss_constant[gear + 1], full.transmission.loss_viscous[gear + 1],
                 full.transmission.loss_fraction[gear + 1] + full.final_drive.loss_fraction,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..elements.fade import fade
 from ..kernels.backend import kernel
 from ..plants.reduced import ThreeMassDriveline
 from .state_space import Lumped
@@ -25,6 +26,7 @@ DRIVELINE = 15
 # Speeds beyond this [rad/s] and torques beyond that [N.m] are not measurements.
 PLAUSIBLE_SPEED = 2000.0
 PLAUSIBLE_TORQUE = 1e4
+ROLLS = 0.05  # m/s: the rolling resistance changes its sign over so much, as no sensor tells when a vehicle stands
 
 
 def measurement_matrix() -> np.ndarray:
@@ -58,7 +60,7 @@ def net_torque(work, at, torque, engine_speed, shaft_torque):
 def road_load(work, at, wheel_speed):
     """Aerodynamic drag and rolling resistance [N] at a wheel speed [rad/s]."""
     speed = work[at + RADIUS] * wheel_speed
-    return work[at + AERO] * speed * abs(speed) + work[at + ROLLING]
+    return work[at + AERO] * speed * abs(speed) + work[at + ROLLING] * fade(speed / ROLLS)
 
 
 @kernel

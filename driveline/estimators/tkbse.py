@@ -23,7 +23,7 @@ import numpy as np
 
 from ..kernels.backend import F8, entry_point, kernel
 from ..plants.reduced import ThreeMassDriveline, three_mass_at_hub
-from ..quantities import from_values, quantity
+from ..quantities import InputError, quantity
 from .alignment import (
     ABSENT,
     BLOCK,
@@ -107,7 +107,7 @@ class Trigger:
         "rad/s", "the size has settled when it changes less than this on average", start=0.6, minimum=0.0)
     settled_torque: float = quantity(
         "N.m", "while the shaft carries more than this", start=15.0, minimum=0.0)
-    settled_time: float = quantity("s", "for this long", start=0.03, minimum=0.0)
+    settled_time: float = quantity("s", "for this long, and a frame at least", start=0.03, minimum=0.0)
     tip_ins: int = quantity("1", "how many tip-ins the size is the mean of; 1 for the last alone, as in the thesis",
                             start=10, minimum=1, maximum=1000, kind="integer")
     measured_twist: int = quantity(
@@ -375,12 +375,15 @@ class Tkbse(Estimator):
         from ..plants.full_order import FullOrderParameters
 
         values = super().defaults_from(vehicle, gear)
-        coasting = three_mass_at_hub(from_values(FullOrderParameters, vehicle.values), gear, flank=-cls.flank)
+        coasting = three_mass_at_hub(vehicle.parameters(FullOrderParameters), gear, flank=-cls.flank)
         return values | {"coast_stiffness_factor": coasting.shaft.stiffness / values["shaft.stiffness"]}
 
     def constants(self, parameters: TkbseParameters) -> np.ndarray:
         """Driveline, stationary gain, discretised contact model, trigger and bounds, for ``tkbse_step``."""
         check_shaft(parameters.shaft)
+        ratio = parameters.gear.transmission_ratio
+        if not ratio > 0.0:
+            raise InputError(f"gear.transmission_ratio is {ratio:g}: a forward gear is needed, tip-ins are listened to")
         model = twists(Lumped.of(parameters), CONTACT)
         period, trigger, trust = parameters.sampling.period, parameters.trigger, parameters.trust
         a, b = discretise(model.A, model.B, period)
@@ -392,7 +395,7 @@ class Tkbse(Estimator):
         return np.concatenate([
             driveline_constants(parameters), gain.ravel(), a.ravel(), b.ravel(),
             [trigger.torque, trigger.slope, trigger.settled_rate, trigger.settled_torque,
-             trigger.settled_time - 0.5 * period, period], np.diag(spread),
+             max(trigger.settled_time, period) - 0.5 * period, period], np.diag(spread),
             [1.0 - np.exp(-period / SMOOTHING), min(1.0, period / AVERAGED),
              trust.surprise, trust.torque, trust.missing, trust.delay, shuffle, trigger.tip_ins,
              parameters.coast_stiffness_factor * parameters.shaft.stiffness, trigger.measured_twist],
@@ -400,6 +403,13 @@ class Tkbse(Estimator):
 
 
 def shuffle_period(a: np.ndarray) -> float:
-    """Period [s] of the slowest vibration of x' = A x."""
+    """Period [s] of the slowest vibration of x' = A x.
+
+    Raises:
+        InputError: Nothing vibrates.
+    """
     frequencies = np.abs(np.linalg.eigvals(a).imag)
+    if not (frequencies > 1e-3).any():
+        raise InputError("shaft.damping and wheel_shaft.damping are so large that nothing vibrates: the size is the "
+                         "mean over a period of shuffle")
     return float(2.0 * np.pi / frequencies[frequencies > 1e-3].min())

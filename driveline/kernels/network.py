@@ -13,7 +13,7 @@ Python that compiles ahead of time; it also runs as it stands.
 
 from __future__ import annotations
 
-from math import cos, sin
+from math import cos, floor, sin
 
 from ..sensors.can_signal import standard_normal
 from .backend import F8, I8, entry_point, kernel
@@ -110,7 +110,7 @@ def network_run(state: F8, plan: I8, constants: F8, work: F8, inputs: F8, output
                 if change > time + TIME_TOLERANCE and change < end - TIME_TOLERANCE:
                     end = change
                 period = work[NOISE_PERIOD]
-                k = int((time + TIME_TOLERANCE) / period)
+                k = int(floor((time + TIME_TOLERANCE) / period))
                 if k != drawn:
                     work[signal + NOISE] = standard_normal(plan[SEED], k)
                     drawn = k
@@ -118,7 +118,7 @@ def network_run(state: F8, plan: I8, constants: F8, work: F8, inputs: F8, output
                     end = (k + 1) * period
             ticks = 0
             if tick > 0.0:
-                ticks = int((time + TIME_TOLERANCE) / tick) + 1
+                ticks = int(floor((time + TIME_TOLERANCE) / tick)) + 1
                 if ticks * tick < end - TIME_TOLERANCE:
                     end = ticks * tick
             lag_table = plan[LAG_TABLE]

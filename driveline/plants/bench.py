@@ -18,7 +18,7 @@ from ..elements.coulomb_drag import CoulombDrag
 from ..elements.motor import LinearDrive, Motor
 from ..elements.shaft import Shaft
 from ..kernels import layout as k
-from ..quantities import from_values, parameter_variables, quantity
+from ..quantities import quantity
 from .assembly import GROUND, Assembly, Network, Term
 from .full_order import Solver, input_variable, output_variable
 from .plant import Plant
@@ -111,7 +111,7 @@ class SmallPlant(Plant):
         Raises:
             InputError: The file lacks a number, or has one that is no parameter, or out of range.
         """
-        vehicle.check(parameter_variables(from_values(cls.Parameters, vehicle.values)))
+        vehicle.parameters(cls.Parameters)
         return dict(vehicle.values)
 
     def coasting(self, speed: np.ndarray) -> np.ndarray:

@@ -35,7 +35,7 @@ from ..elements.torque_ripple import TorqueRipple
 from ..elements.two_stage_stiffness import FirstStage
 from ..elements.tyre import Tyre
 from ..kernels import layout as k
-from ..quantities import InputError, Variable, from_values, parameter_variables, quantity
+from ..quantities import InputError, Variable, quantity
 from ..sensors.can_signal import CanSignal, CanVehicleSpeed
 from ..sensors.torque_meter import TorqueMeter
 from .assembly import GROUND, Assembly, ByGear, Network, Term
@@ -160,7 +160,7 @@ class FullOrderPlant(Plant):
         output_variable("propeller_shaft_torque", "N.m", "torque in the propeller shaft", 200.0),
         output_variable("axle_shaft_torque", "N.m", "sum of the torques in both axle shafts", 1000.0),
         output_variable("lockup_clutch_torque", "N.m", "torque through the lock-up clutch", 100.0),
-        output_variable("converter_slip", "rad/s", "engine speed over turbine speed, difference", 10.0),
+        output_variable("converter_slip", "rad/s", "speed of the impeller less that of the turbine", 10.0),
         output_variable("lockup_clutch_sticks", "1", "0 while the lock-up clutch sticks, -1 or 1 while it slips"),
         output_variable("transmission_lash", "rad", "position in the transmission lash, at its input", 0.01),
         output_variable("final_drive_lash", "rad", "position in the final drive lash, at the propeller shaft", 0.01),
@@ -193,7 +193,7 @@ class FullOrderPlant(Plant):
         Raises:
             InputError: The file lacks a number, or has one that is no parameter, or out of range.
         """
-        vehicle.check(parameter_variables(from_values(cls.Parameters, vehicle.values)))
+        vehicle.parameters(cls.Parameters)
         return {**vehicle.values, "gear": float(gear)}
 
     def _gear_exists(self, gear: int) -> bool:

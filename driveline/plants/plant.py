@@ -77,6 +77,8 @@ class Plant(KernelModel):
                 closed = self.state.copy()
                 if not self._find_equilibrium(speeds):
                     self.state[:] = closed  # and begins to slip from there
+        else:
+            self._fill_air_path()
         self._check_substep()
         self._settle_sensors(start_time)
         self._call(start_time, 0.0, 0)
@@ -109,7 +111,7 @@ class Plant(KernelModel):
             ArithmeticError: As ``step``.
         """
         net = self.network
-        inputs = np.ascontiguousarray(inputs, dtype=np.float64)
+        inputs = np.require(inputs, np.float64, ["C", "W"])  # what is passed to compiled code must be writable
         self._check_rows(inputs, dt)
         outputs = np.empty((inputs.shape[0], len(self.output_variables)))
         run = self._kernel.bind(
@@ -171,6 +173,14 @@ class Plant(KernelModel):
                 self.state[place] = self._inputs[signal]
             else:  # the shift element: engaged unless in neutral
                 self.state[place] = float(self.state[net.plan[k.STATE_CLOCK] + k.GEAR] != 0.0)
+
+    def _fill_air_path(self) -> None:
+        """An engine gives what it was asked for before, also where nothing else is steady: with an open clutch."""
+        rates, _ = self.rates()
+        for row in self._branch_rows():
+            if row[k.LAW] == k.ENGINE:
+                lag = self.network.constants[row[k.PARAMETER] + 11]
+                self.state[row[k.TWIST]] += lag * rates[row[k.TWIST]]
 
     def _branch_rows(self) -> np.ndarray:
         net = self.network
@@ -373,7 +383,7 @@ class Plant(KernelModel):
         tick = net.constants[k.TICK]
         for channel in net.channels:
             value = self._outputs[net.outputs.index(channel.source)]
-            held = can_signal_state(channel.parameters, channel.table, int(start_time / tick + 1e-9), value)
+            held = can_signal_state(channel.parameters, channel.table, int(np.floor(start_time / tick + 1e-9)), value)
             self.state[channel.place:channel.place + held.size] = held
         if net.sections.size:
             raw = (net.constants[k.METER_GAIN] * self._outputs[net.plan[k.FILTERED_OUTPUT]]

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..elements.road_load import GRAVITY
 from ..kernels import layout as k
-from ..quantities import InputError, from_values, parameter_variables, quantity
+from ..quantities import InputError, parameter_variables, quantity
 from .assembly import GROUND, Assembly, Network, Term
 from .full_order import (
     BRAKE_TORQUE,
@@ -45,6 +45,10 @@ class Gear:
     loss_constant: float = quantity("N.m", "gear-train drag at the engine", minimum=0.0)
     loss_viscous: float = quantity("N.m.s/rad", "gear-train drag over engine speed", minimum=0.0)
     loss_fraction: float = quantity("1", "gear-train loss over the torque at the propeller shaft", minimum=0.0)
+
+    def __post_init__(self) -> None:
+        if self.transmission_ratio == 0.0:
+            raise InputError("gear.transmission_ratio is 0: a gear is needed, forward or reverse")
 
 
 @dataclass(frozen=True)
@@ -178,10 +182,15 @@ def lumps(p: FullOrderParameters, gear: int, s: complex, speed: float, torque: f
         raise InputError(f"torque is {torque:g} N.m: in gear {gear} that is more than the tyres can transmit")
     patch = (1.0 - used) * tyre.slip_stiffness / tyre.relaxation_length * s / (
         s + abs(speed) / (tyre.relaxation_length * (1.0 - used)))
+    before = [shaft.stiffness + s * shaft.damping for shaft in (p.damper, p.transmission)]
+    if p.dual_mass_flywheel.enabled:
+        # all inertia of the engine is lumped behind it, and of that it carries what turns before it: so much of the
+        # torque, and the square of that of the elastic energy
+        flywheel, share = p.dual_mass_flywheel, p.engine.inertia / engine
+        before.append((flywheel.stiffness + s * flywheel.damping) / share**2)
     return Lumps(
         s=s, ratio=i, engine=engine, output=output, ring=ring, hubs=hubs, belts=belts,
-        transmission=series(p.damper.stiffness + s * p.damper.damping,
-                            p.transmission.stiffness + s * p.transmission.damping) * i**2,
+        transmission=series(*before) * i**2,
         propeller=series(prop.stiffness + s * prop.damping, final.mesh_stiffness + s * final.mesh_damping),
         axle=2.0 * (axle.stiffness + s * axle.damping),
         tyre=2.0 * series(tyre.stiffness + s * tyre.damping, patch * tyre.radius**2),
@@ -231,12 +240,18 @@ def at_shuffle(p: FullOrderParameters, gear: int, speed: float, torque: float) -
 
 
 def _vehicle(p: FullOrderParameters) -> Vehicle:
-    """What the road sees; the front wheels roll along."""
+    """What the road sees; the front wheels roll along, and dry drag of the axle is one more resistance."""
     front = 2.0 * (p.hub.inertia + p.tyre.belt_inertia) / p.tyre.radius**2
     return Vehicle(
         mass=p.vehicle.mass + front, tyre_radius=p.tyre.radius,
         aerodynamic_factor=0.5 * p.vehicle.air_density * p.vehicle.drag_coefficient * p.vehicle.frontal_area,
-        rolling_resistance_force=p.tyre.rolling_resistance * p.vehicle.mass * GRAVITY)
+        rolling_resistance_force=(p.tyre.rolling_resistance * p.vehicle.mass * GRAVITY
+                                  + p.coulomb_drag.torque / p.tyre.radius))
+
+
+def _transfer_drag(p: FullOrderParameters) -> float:
+    """Drag of the transfer case over the propeller shaft's speed [N.m.s/rad]."""
+    return p.transfer_case.drag_viscous if p.transfer_case.enabled else 0.0
 
 
 def _half_gap(p: FullOrderParameters, ratio: float) -> float:
@@ -265,7 +280,7 @@ def reduce(p: FullOrderParameters, gear: int = 5, speed: float = 12.0, torque: f
     ratios = Gear(
         transmission_ratio=i, final_drive_ratio=i_fd,
         loss_constant=loss.loss_constant[gear + 1] + p.final_drive.loss_constant / abs(i),
-        loss_viscous=loss.loss_viscous[gear + 1],
+        loss_viscous=loss.loss_viscous[gear + 1] + _transfer_drag(p) / i**2,
         loss_fraction=(loss.loss_fraction[gear + 1] + p.final_drive.loss_fraction) / abs(i))
     shafts = series(parts.transmission, parts.propeller, parts.axle / i_fd**2)
     engine = parts.engine + parts.output / i**2
@@ -302,9 +317,9 @@ def three_mass_at_hub(p: FullOrderParameters, gear: int = 5, speed: float = 12.0
     - The sensor is at the rim. So J_2 reaches to the rim (final drive, axle shafts, hubs), k_s is
       everything between engine and rim, and k_w is the tyre with its slip, behind the sensor: a
       wheel speed that had the vehicle's mass tied to it rigidly would take slip for torque.
-    - The final drive's drag acts behind the lash: its constant part is counted with the rolling
-      resistance. Of the torque in front, the axle shafts carry (1 - loss fraction) while driving and
-      (1 + loss fraction) while coasting, and so twist less or more.
+    - The drags of transfer case (at ``speed``) and final drive act behind the lash: their constant parts are
+      counted with the rolling resistance. Of the torque in front, the axle shafts carry (1 - loss fraction) while
+      driving and (1 + loss fraction) while coasting, and so twist less or more.
 
     Args:
         flank: 1: stiffness while driving, -1: while coasting, 0: in between.
@@ -316,7 +331,8 @@ def three_mass_at_hub(p: FullOrderParameters, gear: int = 5, speed: float = 12.0
     s, i, i_fd = parts.s, parts.ratio, p.final_drive.ratio
     loss, vehicle = p.transmission, _vehicle(p)
     carried = 1.0 - flank * p.final_drive.loss_fraction
-    drag = p.final_drive.loss_constant * i_fd / p.tyre.radius
+    behind = i_fd / p.tyre.radius
+    drag = (p.final_drive.loss_constant + _transfer_drag(p) * behind * speed) * behind
     shafts = series(parts.transmission, parts.propeller, parts.axle / (carried * i_fd**2))
     return ThreeMassDriveline(
         engine_inertia=parts.engine,
@@ -361,8 +377,7 @@ class ReducedPlant(Plant):
     @classmethod
     def defaults_from(cls, vehicle, gear: int = 5) -> dict[str, float]:
         """Parameters lumped from a vehicle file, for one gear."""
-        full = from_values(FullOrderParameters, vehicle.values)
-        reduced = getattr(reduce(full, gear), cls.kind)
+        reduced = getattr(reduce(vehicle.parameters(FullOrderParameters), gear), cls.kind)
         return {v.name: v.start for v in parameter_variables(reduced)}
 
     def _road(self, net: Assembly, wheel: int, vehicle: Vehicle) -> None:

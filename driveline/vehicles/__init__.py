@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from ..elements.planetary import NEUTRAL, Gearbox, PlanetarySet, ShiftElement
-from ..quantities import InputError, Variable
+from ..quantities import InputError, Variable, from_values, parameter_variables
 
 BASELINE = "baseline"
 GEARS = (-1, 0, *range(1, 11))  # the gear each of the twelve entries of a gear table belongs to
@@ -46,6 +46,16 @@ class Vehicle:
     units: dict[str, str] = field(repr=False)
     places: dict[str, str] = field(repr=False)
     gearbox: Gearbox | None = field(default=None, repr=False)
+
+    def parameters(self, kind: type) -> Any:
+        """The parameters of a plant, as an instance of its dataclass of quantities.
+
+        Raises:
+            InputError: A number is missing, or ``check`` finds something.
+        """
+        parameters = from_values(kind, self.values)
+        self.check(parameter_variables(parameters))
+        return parameters
 
     def check(self, variables: Iterable[Variable]) -> None:
         """Compare with the declared parameters of a plant.
@@ -217,7 +227,8 @@ class _File:
         for name, given in self.variants[variant].items():
             keys = ("variant", variant, name)
             operations = {"add", "times", "set"} & set(given) if isinstance(given, dict) else set()
-            if len(operations) != 1 or set(given) - operations - {"unit", "source"}:
+            known = operations | ({"source"} if operations == {"times"} else {"unit", "source"})
+            if len(operations) != 1 or set(given) - known:
                 raise self.fail(keys, "write one of add, times, set, then unit (not with times) and source, "
                                       'for example { add = 300, unit = "kg", source = "..." }')
             targets = [n for n in entries if n == name or _NUMBERED.sub(r"\1", n) == name]
@@ -348,7 +359,12 @@ def _same_dimension(unit: str, other: str) -> bool:
     """Whether one can stand for the other; turns are not periods, and a level in dB is only that."""
     if "dB" in (unit, other):
         return unit == other
-    # radians have no dimension, so 60 rpm would pass for 6.28 Hz
-    frequencies = {unit, other} & {"Hz", "kHz"}
-    return _unit(unit).dimensionality == _unit(other).dimensionality and (
-        not frequencies or not any(re.search("rpm|rad|deg", u) for u in (unit, other)))
+    # radians have no dimension, so 60 rpm would pass for 6.28 Hz, and 650 1/min for 11 rad/s
+    dimension = _unit(unit).dimensionality
+    return dimension == _unit(other).dimensionality and (
+        dimension != {"[time]": -1} or _turns(unit) == _turns(other))
+
+
+def _turns(unit: str) -> bool:
+    """Whether a unit says that something turns."""
+    return re.search("rpm|rad|deg|rev|turn", unit) is not None

@@ -259,3 +259,12 @@ def test_stiffness_wrong_on_purpose_moves_the_start():
     starts = [each["traversal_start"][i] for each, i in zip(found, first, strict=True)]
     assert starts[1] < starts[0] - 5e-3
     assert abs(ends[1] - ends[0]) < 0.0101
+
+
+def test_rolling_resistance_resists_in_reverse_too():
+    """Backwards it pushed until it had a sign, and what that left over was held against the engine."""
+    full = plant("plant_fom", {"engine.air_lag": 0.0, "engine.air_delay": 0.0, "start.vehicle_speed": -3.0}, gear=-1,
+                 engine_torque=40.0)
+    found = estimate(run(full, 3.0), gear=-1)
+    without = estimate(run(full, 3.0), gear=-1, vehicle__rolling_resistance_force=0.0)
+    assert np.mean(found["unexplained_torque"][100:]) < np.mean(without["unexplained_torque"][100:])

@@ -1,6 +1,7 @@
 """Laws of the observer of lash position and size, and how well it does on the full-order plant."""
 
 import functools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -288,9 +289,18 @@ def test_covariances_stay_symmetric_and_positive():
 
 
 @pytest.mark.parametrize(("parameter", "value"), [("shaft.half_gap", 0.0), ("shaft.half_gap", 0.5),
-                                                  ("gear.transmission_ratio", -2.0)])
+                                                  ("gear.transmission_ratio", -2.0), ("sampling.period", 1e-4),
+                                                  ("sampling.period", 0.03)])
 def test_what_cannot_be_worked_with_is_named(parameter, value):
     observer = make()
-    observer[parameter] = value
     with pytest.raises(InputError, match=parameter):
+        observer[parameter] = value
+        observer.initialize()
+
+
+def test_a_vehicle_without_lash_is_named():
+    vehicle = load("pickup_10r80", "modified")
+    values = {**vehicle.values, "transmission.half_gap": 0.0, "final_drive.half_gap": 0.0}
+    observer = LashObserver(LashObserver.defaults_from(replace(vehicle, values=values)))
+    with pytest.raises(InputError, match="shaft.half_gap is 0"):
         observer.initialize()

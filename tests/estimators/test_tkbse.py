@@ -11,6 +11,7 @@ from cosim.master.scenario import Scenario
 from driveline.estimators.dskse import Dskse
 from driveline.estimators.state_space import CONTACT, Lumped, twists
 from driveline.estimators.tkbse import Tkbse
+from driveline.quantities import InputError
 from driveline.vehicles import load
 
 N = 6
@@ -371,3 +372,22 @@ def test_both_in_the_loop_with_the_plant():
     assert used[-1] == size[-1] and used[0] == 0.0
     assert np.asarray(result["size.triggers"])[-1] == 3 and np.asarray(result["state.trusted"])[-1] == 1.0
     assert 0.08 < np.asarray(result["state.traversal_time"])[-1] < 0.16
+
+
+@pytest.mark.parametrize(("settled", "milliseconds"), [(0.0, 10), (0.005, 10), (0.03, 60)])
+def test_a_size_settles_with_frames_as_far_apart_as_it_has_to_be_calm(settled, milliseconds):
+    estimator = make(period=milliseconds * 1e-3)
+    estimator["trigger.settled_time"] = settled
+    found = estimate(record(2), milliseconds=milliseconds, estimator=estimator)
+    assert found["lash_size"][-1] == pytest.approx(true_size(2), rel=0.15)
+
+
+@pytest.mark.parametrize(("parameters", "message"), [
+    ({"gear.transmission_ratio": -2.0}, "a forward gear is needed"),
+    ({"shaft.damping": 5e3, "wheel_shaft.damping": 5e3}, "nothing vibrates")])
+def test_what_it_cannot_listen_to_is_named(parameters, message):
+    estimator = make()
+    for name, value in parameters.items():
+        estimator[name] = value
+    with pytest.raises(InputError, match=message):
+        estimator.initialize()

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from runs import events, ledger, plant, run, start_values, steps, turnover
+from runs import events, input_rows, ledger, plant, run, start_values, steps, turnover
 
 from driveline.elements.road_load import GRAVITY
 from driveline.kernels import layout as k
@@ -311,3 +311,41 @@ def test_start_values_of_another_gear_differ_in_the_gear_alone():
     fourth, fifth = (start_values("plant_fom", "pickup_10r80", "modified", gear) for gear in (4, 5))
     assert {name for name in fifth if fourth[name] != fifth[name]} == {"gear"}
     assert FullOrderPlant(fourth)["gear"] == 4.0
+
+
+def test_sensors_see_before_time_zero_what_they_see_after():
+    """A log with a pre-trigger: whole seconds earlier, so all clocks have the same phase."""
+    records = []
+    for start in (-2.0, 1.0):
+        model = plant("plant_fom", {"start.vehicle_speed": 12.0}, engine_torque=-20.0, initialize=False)
+        model.initialize(start)
+        records.append(run(model, 0.6, start=start, engine_torque=steps((start, -20.0), (start + 0.1, 150.0))))
+    for name in ("propeller_shaft_torque_measured", "transmission_output_speed_measured", "wheel_speed_measured"):
+        before, after = (record[name] for record in records)
+        assert np.ptp(after) > 0.0
+        assert np.abs(before - after).max() < 1e-3 * np.ptp(after), name  # instants have other last bits
+
+
+def test_torque_noise_before_time_zero_changes_as_often_and_is_as_large():
+    changes = {"start.vehicle_speed": 12.0, "engine.torque_noise": 5.0, "engine.noise_period": 0.01,
+               "engine.air_lag": 0.0, "torque_meter.enabled": 0.0}
+    model = plant("plant_fom", changes, engine_torque=100.0, initialize=False)
+    model.initialize(-1.0)
+    torque = run(model, 2.0, start=-1.0)["crankshaft_torque"]
+    held = np.abs(np.diff(torque)) < 0.1  # friction moves with the speed
+    assert (~held[:999]).sum() == pytest.approx(100, abs=6) == (~held[1000:]).sum()
+    assert np.std(torque[:1000]) == pytest.approx(5.0, rel=0.3)
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.15])
+def test_with_an_open_clutch_too_the_engine_starts_with_the_torque_it_was_asked_for(lag):
+    model = plant("plant_fom", {"start.vehicle_speed": 12.0, "engine.air_lag": lag}, engine_torque=120.0,
+                  lockup_command=0.0)
+    assert model["crankshaft_torque"] == pytest.approx(120.0 - model["engine.accessory_torque"], abs=1e-9)
+
+
+def test_inputs_that_cannot_be_written_to_are_simulated():
+    model = plant("plant_fom", {"start.vehicle_speed": 12.0}, engine_torque=100.0)
+    rows = input_rows(model, 0.01, 1e-3)
+    rows.setflags(write=False)
+    assert np.isfinite(model.simulate(rows, 1e-3)).all()

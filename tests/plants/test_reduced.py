@@ -1,14 +1,20 @@
 """The reduced plants: against equations of their own, against each other, against the full-order one."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 from runs import REDUCED, ledger, plant, run, start_values, steps, turnover
 from scipy.integrate import solve_ivp
 
+from driveline import vehicles
 from driveline.elements.road_load import GRAVITY
+from driveline.models import MODELS
 from driveline.plants.full_order import FullOrderParameters
+from driveline.plants.linear import shuffle_mode
 from driveline.plants.reduced import reduce
-from driveline.quantities import InputError, from_values
+from driveline.quantities import InputError, from_values, parameter_variables
 from driveline.vehicles import load
 
 TIP = ((0.0, -30.0), (0.1, 130.0), (0.6, -40.0))
@@ -306,3 +312,58 @@ def test_a_torque_accelerates_the_whole_reflected_inertia(name):
             + getattr(p, "final_drive_inertia", 0.0) + p.wheel_inertia) / r**2 + p.vehicle.mass
     force = 80.0 * i * f / r - p.vehicle.mass * GRAVITY * np.sin(0.02)
     assert model["vehicle_acceleration"] == pytest.approx(force / felt, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", REDUCED)
+@pytest.mark.parametrize("changes", [
+    {"coulomb_drag.torque": 300.0}, {"transfer_case.enabled": 1.0, "transfer_case.drag_viscous": 0.5},
+    {"transfer_case.enabled": 1.0, "transfer_case.drag_viscous": 0.5, "coulomb_drag.torque": 100.0}])
+def test_what_drags_in_the_full_order_plant_drags_in_the_reduced_ones(name, changes):
+    start = {"start.vehicle_speed": 12.0}
+    vehicle = load("pickup_10r80", "modified")
+    speeds = []
+    for extra in ({}, changes):
+        full = plant("plant_fom", {**start, "engine.accessory_torque": 0.0, **extra}, engine_torque=20.0)
+        parts = reduce(from_values(FullOrderParameters, {**vehicle.values, **extra}))
+        kind = {"plant_rom_2dof": "two_mass", "plant_rom_3dof": "three_mass"}.get(name, "split_lash")
+        values = {v.name: v.start for v in parameter_variables(getattr(parts, kind))}
+        speeds.append([run(model, 3.0)["vehicle_speed"][-1]
+                       for model in (full, plant(name, {**values, **start}, engine_torque=20.0))])
+    lost = np.subtract(*speeds)
+    assert lost[0] > 0.3
+    assert lost[1] == pytest.approx(lost[0], rel=0.02)
+
+
+def test_a_dual_mass_flywheel_is_in_the_shuffle_of_the_reduced_models():
+    """Half as stiff as the rest of the driveline at the engine: it takes a tenth of the frequency."""
+    values = {**load("pickup_10r80", "modified").values, "dual_mass_flywheel.enabled": 1.0}
+    rolling = {"start.vehicle_speed": 12.0}
+    full = shuffle_mode(plant("plant_fom", {**rolling, "dual_mass_flywheel.enabled": 1.0}, engine_torque=120.0))
+    without = shuffle_mode(plant("plant_fom", rolling, engine_torque=120.0))
+    three = {v.name: v.start for v in parameter_variables(reduce(from_values(FullOrderParameters, values)).three_mass)}
+    reduced = shuffle_mode(plant("plant_rom_3dof", {**three, **rolling}, engine_torque=120.0))
+    assert full.frequency < 0.9 * without.frequency
+    assert reduced.frequency == pytest.approx(full.frequency, rel=0.03)
+
+
+@pytest.mark.parametrize("name", REDUCED)
+def test_a_gear_without_ratio_is_named(name):
+    model = plant(name, initialize=False)
+    model["gear.transmission_ratio"] = 0.0
+    with pytest.raises(InputError, match="gear.transmission_ratio is 0"):
+        model.initialize()
+
+
+@pytest.mark.parametrize("name", REDUCED)
+@pytest.mark.parametrize("text", [
+    'stiffness = { value = 15.5, unit = "Nm/rad"', 'stiffness = { value = -1, unit = "kN.m/rad"',
+    'colour = { value = 1, unit = "1", source = "looked" }\nstiffness = { value = 15.5, unit = "kN.m/rad"'])
+def test_a_vehicle_file_is_as_wrong_for_a_reduced_plant_as_for_the_full_order_one(name, text, tmp_path):
+    given = (Path(vehicles.__file__).parent / "pickup_10r80.toml").read_text()
+    right = re.search(r"(?m)^\[axle_shaft\][^\[]*?^(stiffness = \{ value = [^,]*, unit = [^,]*)", given)
+    assert right
+    path = tmp_path / "car.toml"
+    path.write_text(given[:right.start(1)] + text + given[right.end(1):])
+    for model in ("plant_fom", name):
+        with pytest.raises(InputError, match="car.toml, line"):
+            MODELS[model].defaults_from(load(path))

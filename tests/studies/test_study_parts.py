@@ -17,7 +17,6 @@ from driveline import vehicles
 from driveline.estimators.state_space import StateSpace
 from driveline.plants.full_order import FullOrderParameters
 from driveline.plants.reduced import reduce
-from driveline.quantities import from_values
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +26,7 @@ def vehicle():
 
 @pytest.fixture(scope="module")
 def full(vehicle):
-    return from_values(FullOrderParameters, vehicle.values)
+    return vehicle.parameters(FullOrderParameters)
 
 
 def test_exact_rank_sees_what_rounding_hides():

@@ -121,6 +121,7 @@ def test_unit_spellings(write, unit, si):
     ("add = 500", "plus = 500", r"line 20: .*write one of add, times, set"),
     ('add = 500, unit = "kg"', 'add = 500, unit = "N"', r"line 20: .*'N' is not a unit of its dimension"),
     (', source = "cold oil"', "", r"line 21: .*source = .* is missing"),
+    ("times = 2", 'times = 200, unit = "%"', r"line 21: .*unit \(not with times\)"),
     ("[variant.heavy]", "[variant]\nheavy = 3\n[other]", "variants are tables such as"),
 ])
 def test_what_is_wrong_is_named_with_file_line_table_and_entry(write, old, new, message):
@@ -138,6 +139,7 @@ def test_what_is_wrong_is_named_with_file_line_table_and_entry(write, old, new, 
     ('"t"', '"kg"', r"line 2: vehicle.mass is 2.5 kg: at least 100"),
     ("[1, 2, 3]", "[1, 2, 3, 4]", r"line 9: transmission.loss_constant\[4\] is not known: .* has 3 entries"),
     ('"kHz"', '"rpm"', r"line 17: torque_meter.stopband_frequency is given in 'rpm': 'Hz'"),
+    ('"kHz"', '"rad/s"', r"line 17: torque_meter.stopband_frequency is given in 'rad/s': 'Hz'"),
     ('"dB"', '"1"', r"line 16: torque_meter.passband_ripple is given in '1': 'dB'"),
     ("value = true", "value = 2", r"line 13: suspension.enabled is 2: at most 1"),
 ])
@@ -145,6 +147,18 @@ def test_check_compares_with_what_the_plant_declares(write, old, new, message):
     vehicle = load(write(GOOD.replace(old, new, 1).split("[variant")[0]))
     with pytest.raises(InputError, match=message):
         vehicle.check(DECLARED)
+
+
+@pytest.mark.parametrize("unit, right", [("rad/s", True), ("rpm", True), ("deg/s", True), ("Hz", False),
+                                         ("1/min", False), ("1/s", False), ("s-1", False)])
+def test_what_turns_is_given_in_units_of_turning(write, unit, right):
+    """650 1/min are 650 rpm to whoever writes it, and would be 11 rad/s."""
+    vehicle = load(write(f'[engine]\nidle_speed = {{ value = 650, unit = "{unit}", source = "s" }}\n'))
+    if right:
+        vehicle.check([parameter("engine.idle_speed", "rad/s")])
+    else:
+        with pytest.raises(InputError, match="'rad/s' or a unit of its dimension"):
+            vehicle.check([parameter("engine.idle_speed", "rad/s")])
 
 
 def test_an_unknown_vehicle_or_variant_names_those_there_are(write, tmp_path):
