@@ -32,8 +32,11 @@ _KEYS = {
     "measurement": ("vehicle", "variant", "manoeuvre", "channels", "note"),
     "manoeuvre": ("file", "kind", "gear", "back", "name", "channels", "note", "start", "stop"),
     "channel": ("column", "unit", "time", "factor"),
+    "clock": ("column", "unit", "factor"),
 }
-_CLOCK_RESTARTED = 1.0  # s: a jump back by more is not jitter of a logger
+# A jump back by more [s] is not jitter of a logger, nor are so many samples in a row that all are late.
+_CLOCK_RESTARTED, _MANY = 1.0, 4
+_SAME_INSTANT = 1e-6  # s: by how much instants of one clock differ that was written twice
 
 
 @dataclass(frozen=True)
@@ -85,6 +88,7 @@ class Manoeuvre:
         back: Whether the road was driven the other way than in the other recordings.
         provenance: File and its SHA-256.
         notices: What the reader had to repair or leave out.
+        begun: First instant of its file [s], before it was cut; None: as its channels.
     """
 
     name: str
@@ -94,6 +98,7 @@ class Manoeuvre:
     back: bool = False
     provenance: Mapping[str, Any] = field(default_factory=dict)
     notices: tuple[str, ...] = ()
+    begun: float | None = None
 
     def __getitem__(self, name: str) -> Channel:
         if name not in self.channels:
@@ -103,6 +108,17 @@ class Manoeuvre:
 
     def __contains__(self, name: str) -> bool:
         return name in self.channels
+
+    @property
+    def zero(self) -> float:
+        """The last whole second [s] before its file begins: 0, or the time of day."""
+        begun = _begin(self.channels) if self.begun is None else self.begun
+        return float(np.floor(begun))
+
+    def from_zero(self) -> Manoeuvre:
+        """The same, with clocks that count from ``zero``."""
+        channels = {name: replace(channel, time=channel.time - self.zero) for name, channel in self.channels.items()}
+        return replace(self, channels=channels, begun=0.0) if self.zero else self
 
     @property
     def start(self) -> float:
@@ -164,7 +180,7 @@ def load(path: str | Path, description: Mapping[str, Any] | None = None) -> Meas
             raise InputError(f"{path}: {error}") from error
         return _described(described, str(path), path.parent, path.parent.name)
     described = dict(description or {})
-    manoeuvres = described.get("manoeuvre") or [{}]
+    manoeuvres = _manoeuvres(described, str(path)) if described.get("manoeuvre") else [{}]
     if len(manoeuvres) != 1:
         raise InputError(f"{path} is one data file, but {len(manoeuvres)} manoeuvres are described: "
                          "give the folder that holds all files")
@@ -175,11 +191,8 @@ def load(path: str | Path, description: Mapping[str, Any] | None = None) -> Meas
 def _described(described: Mapping[str, Any], where: str, folder: Path, name: str) -> Measurement:
     """A measurement from the contents of its ``measurement.toml``."""
     _check_keys(described, "measurement", where)
-    manoeuvres = described.get("manoeuvre")
-    if not isinstance(manoeuvres, list) or not manoeuvres:
-        raise InputError(f"{where}: at least one [[manoeuvre]] is needed")
     common = _table(described.get("channels", {}), f"{where}: channels")
-    read = tuple(_manoeuvre(_table(m, f"{where}: manoeuvre"), common, where, folder) for m in manoeuvres)
+    read = tuple(_manoeuvre(manoeuvre, common, where, folder) for manoeuvre in _manoeuvres(described, where))
     names = [manoeuvre.name for manoeuvre in read]
     if len(set(names)) < len(names):
         read = tuple(replace(manoeuvre, name=f"{manoeuvre.name}_{i}") for i, manoeuvre in enumerate(read, start=1))
@@ -190,6 +203,14 @@ def _described(described: Mapping[str, Any], where: str, folder: Path, name: str
     if isinstance(vehicle, str) and vehicle.endswith(".toml") and (folder / vehicle).is_file():
         vehicle = str(folder / vehicle)
     return Measurement(name, vehicle, described.get("variant"), read)
+
+
+def _manoeuvres(described: Mapping[str, Any], where: str) -> list[Mapping[str, Any]]:
+    """What is said of each recording."""
+    manoeuvres = described.get("manoeuvre")
+    if not isinstance(manoeuvres, list) or not manoeuvres:
+        raise InputError(f"{where}: at least one [[manoeuvre]] is needed, in two brackets, as there may be several")
+    return [_table(manoeuvre, f"{where}: manoeuvre") for manoeuvre in manoeuvres]
 
 
 def _manoeuvre(described: Mapping[str, Any], common: Mapping[str, Any], where: str,
@@ -208,9 +229,11 @@ def _manoeuvre(described: Mapping[str, Any], common: Mapping[str, Any], where: s
         raise InputError(f"{where}: back is {back!r}: true is needed where the road was driven the other way")
     table = read_table(folder / file)  # an absolute path stays as it is
     mapping = {**common, **_table(described.get("channels", {}), f"{where}: channels")}
+    clock = _table(mapping.pop("time", {}), f"{where}: channels.time")
+    _check_keys(clock, "clock", f"{where}: channels.time")
     if not mapping:
-        mapping = {name: {"column": name} for name in CANONICAL if name in table.names}
-        if not set(mapping) - {"time"}:
+        mapping = {name: {} for name in CANONICAL if name != "time" and name in table.names}
+        if not mapping:
             raise InputError(f"{table.path}: no column bears a canonical name (engine_speed, vehicle_speed "
                              "...), so measurement.toml has to say what is what; there are "
                              f"{', '.join(table.names)}")
@@ -220,10 +243,8 @@ def _manoeuvre(described: Mapping[str, Any], common: Mapping[str, Any], where: s
         if name not in CANONICAL:
             raise InputError(f"{where}: channels.{name} is no canonical signal"
                              f"{did_you_mean(name, CANONICAL)}")
-        if name != "time":
-            channels[name] = _channel(name, _table(entry, f"{where}: channels.{name}"),
-                                      _table(mapping.get("time", {}), f"{where}: channels.time"),
-                                      table, where, notices)
+        channels[name] = _channel(name, _table(entry, f"{where}: channels.{name}"), clock, table, where, notices)
+    begun = _begin(channels)
     span = {key: units.in_unit(described[key], "s", f"{where}: {key}")
             for key in ("start", "stop") if key in described}
     if span:
@@ -233,12 +254,17 @@ def _manoeuvre(described: Mapping[str, Any], common: Mapping[str, Any], where: s
         str(described.get("name", _stem(Path(file)))), str(kind), gear, channels, back,
         {"file": table.path.name, "sha256": digest,
          "channels": {name: channel.source for name, channel in channels.items()}},
-        tuple(f"{table.path.name}: {notice}" for notice in dict.fromkeys(notices)))
+        tuple(f"{table.path.name}: {notice}" for notice in dict.fromkeys(notices)), begun)
 
 
-def _channel(name: str, entry: Mapping[str, Any], time_entry: Mapping[str, Any], table: DataTable,
+def _begin(channels: Mapping[str, Channel]) -> float:
+    """First instant [s] of any channel."""
+    return min(float(channel.time[0]) for channel in channels.values())
+
+
+def _channel(name: str, entry: Mapping[str, Any], clock: Mapping[str, Any], table: DataTable,
              where: str, notices: list[str]) -> Channel:
-    """One channel in SI on its own clock; what was repaired is appended to ``notices``."""
+    """One channel in SI on its own clock; what was repaired or not used is appended to ``notices``."""
     where = f"{where}: channels.{name}"
     _check_keys(entry, "channel", where)
     columns = entry.get("column", name)
@@ -246,48 +272,58 @@ def _channel(name: str, entry: Mapping[str, Any], time_entry: Mapping[str, Any],
     if not isinstance(columns, list) or not columns or not all(isinstance(c, str) for c in columns):
         raise InputError(f"{where}: column is {entry.get('column')!r}: a name, or several to take the mean "
                          "of, is needed")
-    read = [table.column(column) for column in columns]
-    values = np.mean([column.values for column in read], axis=0)
+    clocks, parts, sources = [], [], []
+    for label in columns:
+        column = table.column(label)
+        unit = entry.get("unit", column.unit)
+        if unit is None:
+            if label != name and CANONICAL[name].unit != "1":  # a canonical name stands for its unit too
+                raise InputError(f"{where}: column '{label}' has no unit: write unit = \"...\" "
+                                 f"(the canonical one is {CANONICAL[name].unit})")
+            unit = CANONICAL[name].unit
+        clocks.append(_times(entry, clock, column, table, where, notices))
+        parts.append(_in_si(column.values, name, str(unit), entry, where))
+        sources.append(f"{label} [{unit}]")
+        if clocks[0].size != clocks[-1].size or not np.allclose(
+                clocks[0], clocks[-1], rtol=0.0, atol=_SAME_INSTANT, equal_nan=True):
+            raise InputError(f"{where}: columns '{columns[0]}' and '{label}' of {table.path.name} are sampled at "
+                             "instants of their own, and nothing is resampled to take a mean: name one of them")
     label = " and ".join(columns)
-    unit = entry.get("unit", read[0].unit)
-    if unit is None:
-        if columns != [name] and CANONICAL[name].unit != "1":  # a canonical name stands for its unit too
-            raise InputError(f"{where}: column '{label}' has no unit: write unit = \"...\" "
-                             f"(the canonical one is {CANONICAL[name].unit})")
-        unit = CANONICAL[name].unit
+    times, values = _in_order(clocks[0], np.mean(parts, axis=0), table, label, notices)
+    return Channel(name, CANONICAL[name].unit, times, values, " and ".join(sources))
+
+
+def _in_si(values: np.ndarray, name: str, unit: str, entry: Mapping[str, Any], where: str) -> np.ndarray:
+    """The numbers of a column in the unit of a canonical signal; ``factor`` of ``entry`` comes before ``unit``."""
     try:
-        factor, offset = units.conversion(str(unit), CANONICAL[name].unit)
+        factor, offset = units.conversion(unit, CANONICAL[name].unit)
     except InputError as error:
         raise InputError(f"{where}: {name} is measured in {CANONICAL[name].unit}: {error}") from error
-    values = factor * (units.in_unit(entry.get("factor", 1.0), "", f"{where}.factor") * values) + offset
-    times = _times(entry, time_entry, read[0], table, where)
-    times, values = _in_order(times, values, table, label, notices)
-    return Channel(name, CANONICAL[name].unit, times, values, f"{label} [{unit}]")
+    return factor * (units.in_unit(entry.get("factor", 1.0), "", f"{where}.factor") * values) + offset
 
 
-def _times(entry: Mapping[str, Any], time_entry: Mapping[str, Any], column: Column, table: DataTable,
-           where: str) -> np.ndarray:
-    """The clock of a column [s]: the one named for it, the file's own for it, or the common one."""
+def _times(entry: Mapping[str, Any], clock: Mapping[str, Any], column: Column, table: DataTable,
+           where: str, notices: list[str]) -> np.ndarray:
+    """The clock of a column [s]: the one named for it, the file's own for it, or the common one (``clock``)."""
     if "time" not in entry and column.times is not None:
+        if clock:
+            notices.append("every channel has its own clock in this file, so [channels.time] is not used; "
+                           "time = \"...\" under a channel names another one for it")
         return column.times
-    named = entry.get("time", time_entry.get("column"))
-    if named is None:
-        if "time" not in table.names:
-            raise InputError(f"{where}: no clock: add [channels.time] with column = \"...\" and unit = \"s\""
-                             f"; {table.path.name} has {', '.join(table.names)}")
-        named = "time"
+    common = clock.get("column", "time")
+    named = entry.get("time", common)
     if not isinstance(named, str):
         raise InputError(f"{where}: time is {named!r}: the name of a column is needed")
+    if named not in table.names and "time" not in entry and "column" not in clock:
+        raise InputError(f"{where}: no clock: add [channels.time] with column = \"...\" and unit = \"s\""
+                         f"; {table.path.name} has {', '.join(table.names)}")
     read = table.column(named)
-    unit = time_entry.get("unit") or read.unit or "s"
-    try:
-        factor, _ = units.conversion(unit, "s")
-    except InputError as error:
-        raise InputError(f"{where}: time: {error}") from error
     if read.values.size != column.values.size:
         raise InputError(f"{where}: {column.values.size} values, but its clock '{named}' has "
                          f"{read.values.size}: name its own clock with time = \"...\"")
-    return factor * read.values
+    # what is said of the common clock holds for another one only as far as that does not say its unit itself
+    said = {} if named != common and read.unit else clock
+    return _in_si(read.values, "time", str(said.get("unit") or read.unit or "s"), said, f"{where}: clock '{named}'")
 
 
 def _in_order(times: np.ndarray, values: np.ndarray, table: DataTable, label: str,
@@ -304,15 +340,15 @@ def _in_order(times: np.ndarray, values: np.ndarray, table: DataTable, label: st
         raise InputError(f"{table.path}: column '{label}' holds no values")
     rows = np.flatnonzero(present)
     times, values = times[present], values[present]
-    back = np.diff(times) < 0.0
-    if back.any():
-        worst = int(np.argmin(np.diff(times)))
-        jump = float(times[worst] - times[worst + 1])
-        if jump > _CLOCK_RESTARTED:
-            raise InputError(f"{table.path}: the time of column '{label}' jumps back by {jump:g} s at data "
-                             f"row {rows[worst + 1] + 1}: two recordings in one file? Split it there")
-        notices.append(f"column '{label}': time steps back {int(back.sum())} times, by {jump:g} s at most; "
-                       "sorted")
+    step = np.diff(times)
+    if (step < 0.0).any():
+        restarted = np.flatnonzero((step < -_CLOCK_RESTARTED) | _many_late(times))
+        if restarted.size:
+            at = int(restarted[0])
+            raise InputError(f"{table.path}: the time of column '{label}' jumps back by {-step[at]:g} s at data "
+                             f"row {rows[at + 1] + 1}: two recordings in one file? Split it there")
+        notices.append(f"column '{label}': time steps back {int((step < 0.0).sum())} times, by {-step.min():g} s at "
+                       "most; sorted")
         order = np.argsort(times, kind="stable")
         times, values = times[order], values[order]
     again = np.diff(times, prepend=-np.inf) == 0.0
@@ -320,6 +356,21 @@ def _in_order(times: np.ndarray, values: np.ndarray, table: DataTable, label: st
         notices.append(f"column '{label}': {int(again.sum())} repeated instants, the first value was kept")
         times, values = times[~again], values[~again]
     return times, values
+
+
+def _many_late(times: np.ndarray) -> np.ndarray:
+    """Of every step: whether ``_MANY`` samples before it are later than the next, and as many after it all earlier.
+
+    A logger that is late swaps a few neighbours, which sorting puts right. Where a clock starts again, or is set
+    back, sorting would shuffle two courses into one.
+    """
+    late = np.full(max(times.size - 1, 0), False)
+    if times.size >= 2 * _MANY:
+        around = np.lib.stride_tricks.sliding_window_view(times, 2 * _MANY)
+        before, after = around[:, :_MANY], around[:, _MANY:]
+        late[_MANY - 1:times.size - _MANY] = (
+            (before.min(axis=1) > after[:, 0]) & (after.max(axis=1) < before[:, -1]))
+    return late
 
 
 def _within(channel: Channel, where: str, start: float = -np.inf, stop: float = np.inf) -> Channel:
@@ -345,4 +396,5 @@ def _table(value: Any, where: str) -> Mapping[str, Any]:
 
 
 def _stem(path: Path) -> str:
-    return re.sub(r"(\.csv)?(\.gz)?$", "", path.name) if path.suffix in (".csv", ".gz") else path.stem
+    packed = path.suffix.lower() in (".csv", ".gz")
+    return re.sub(r"(\.csv)?(\.gz)?$", "", path.name, flags=re.IGNORECASE) if packed else path.stem

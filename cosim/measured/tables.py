@@ -5,8 +5,11 @@ A reader knows nothing of drivelines; ``measurement.py`` says what a column mean
 
 from __future__ import annotations
 
+import csv
 import gzip
+import io
 import re
+import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,7 +19,7 @@ import numpy as np
 from cosim.messages import did_you_mean
 from driveline.quantities import InputError
 
-_HEADER = re.compile(r"\s*(.*?)\s*(?:\[\s*([^\[\]]*?)\s*\])?\s*$")
+_HEADER = re.compile(r"\s*(.*?)\s*(?:\[\s*([^\[\]]*?)\s*\])?\s*$", re.DOTALL)
 
 
 @dataclass(frozen=True)
@@ -51,7 +54,8 @@ class DataTable:
         """One column.
 
         Raises:
-            InputError: No such column (those there are get named), or it does not hold numbers.
+            InputError: No such column (those there are get named), several of that name, or it does not hold
+                numbers.
         """
         if name not in self.names:
             raise InputError(f"{self.path}: there is no column '{name}'{did_you_mean(name, self.names, 20)}")
@@ -77,29 +81,35 @@ def read_table(path: Path) -> DataTable:
 def _read_csv(path: Path) -> DataTable:
     import polars
 
+    contents = _unpacked(path)
     try:
-        with (gzip.open if path.suffix == ".gz" else open)(path, "rt", encoding="utf-8-sig") as file:
-            header = file.readline()
-    except (OSError, EOFError, UnicodeDecodeError) as error:
-        raise InputError(f"{path} is not a readable CSV file: {error}") from error
-    separator = ";" if header.count(";") > header.count(",") else "\t" if "\t" in header else ","
-    try:
-        # as text first: whether a column holds numbers matters only for those that are asked for
-        frame = polars.read_csv(path, separator=separator, infer_schema=False)
+        with io.TextIOWrapper(io.BytesIO(contents), encoding="utf-8-sig", newline="") as text:
+            first = text.readline()
+            separator = ";" if first.count(";") > first.count(",") else "\t" if "\t" in first else ","
+            text.seek(0)
+            header = next((row for row in csv.reader(text, delimiter=separator) if row), [])
+        # as text first: whether a column holds numbers matters only for those that are asked for;
+        # from memory: in the name of a file polars takes brackets and stars for a pattern of several
+        frame = polars.read_csv(contents, separator=separator, infer_schema=False)
     except polars.exceptions.NoDataError as error:
         raise InputError(f"{path} is empty: a header and rows of numbers are needed") from error
-    except polars.exceptions.PolarsError as error:
+    except (UnicodeDecodeError, csv.Error, polars.exceptions.PolarsError) as error:
         raise InputError(f"{path} is not a readable CSV file: {str(error).splitlines()[0]}") from error
     if frame.height == 0:
         raise InputError(f"{path} has a header but no rows")
-    headers = {}
-    for written in frame.columns:
-        name, unit = _HEADER.match(written).groups()
-        headers[name] = (written, unit)
+    places: dict[str, list[int]] = {}  # by name; logs often hold a column twice that nobody needs
+    units = {}
+    for place, written in enumerate(header):
+        name, units[place] = _HEADER.match(written).groups()
+        places.setdefault(name, []).append(place)
 
     def read(name: str) -> Column:
-        written, unit = headers[name]
-        text = frame[written].str.strip_chars()
+        if len(places[name]) > 1:
+            raise InputError(f"{path}: {len(places[name])} columns are called '{name}' ("
+                             f"{', '.join(header[place].strip() for place in places[name])}): "
+                             "leave one of them, or give each its own name")
+        place, = places[name]
+        text = frame.to_series(place).str.strip_chars()
         if separator == ";":
             text = text.str.replace(",", ".", literal=True)
         text = text.set(text.str.to_lowercase().is_in(["", "na", "null", "none", "-"]), None)
@@ -108,9 +118,18 @@ def _read_csv(path: Path) -> DataTable:
         if wrong.len():
             raise InputError(
                 f"{path}, line {wrong[0] + 2}, column '{name}': {text[wrong[0]]!r} is not a number")
-        return Column(numbers.fill_null(np.nan).to_numpy().astype(np.float64), unit)
+        return Column(numbers.fill_null(np.nan).to_numpy().astype(np.float64), units[place])
 
-    return DataTable(path, list(headers), read)
+    return DataTable(path, list(places), read)
+
+
+def _unpacked(path: Path) -> bytes:
+    """What stands in a text file, plain or gzip."""
+    try:
+        with (gzip.open if path.suffix.lower() == ".gz" else open)(path, "rb") as file:
+            return file.read()
+    except (OSError, EOFError, zlib.error) as error:
+        raise InputError(f"{path} is not a readable CSV file: {error}") from error
 
 
 def _read_mdf(path: Path) -> DataTable:

@@ -115,10 +115,90 @@ def test_small_faults_of_the_clock_are_repaired_and_said(tmp_path, caplog):
     assert "repeated instants" in caplog.text
 
 
+def test_late_samples_are_put_in_order_whichever_way_they_are_late(tmp_path):
+    """One stamp of a later time, a packet of three that came late, neighbours swapped: one course all the same."""
+    order = [*range(20), 40, *range(20, 40), *range(44, 60), *range(41, 44), *range(61, 80), 60]
+    (tmp_path / "a.csv").write_text("time,force\n" + "".join(f"{t / 100},{t}\n" for t in order))
+    force = load(tmp_path / "a.csv").manoeuvres[0]["force"]
+    assert force.values.tolist() == list(range(80))
+
+
 def test_keys_without_meaning_are_said(tmp_path, caplog):
     caplog.set_level(logging.WARNING, "cosim")
-    load(write(tmp_path, TOML.replace("gear = 5", "geer = 5")))
+    load(write(tmp_path, TOML.replace("gear = 5", "geer = 5").replace('unit = "ms"', 'units = "ms"')))
     assert "'geer' has no meaning in a manoeuvre and is ignored; did you mean 'gear'?" in caplog.text
+    assert "channels.time: 'units' has no meaning in a clock and is ignored; did you mean 'unit'?" in caplog.text
+
+
+# -- clocks, means, names --------------------------------------------------------------------------------
+
+
+def test_a_clock_has_a_factor_like_any_channel(tmp_path):
+    manoeuvre = load(write(tmp_path, TOML.replace('unit = "ms"', "factor = 0.001"))).manoeuvres[0]
+    assert manoeuvre["vehicle_speed"].time == pytest.approx([0.010, 0.040], abs=1e-15)
+
+
+@pytest.mark.parametrize(("header", "scale"), [("slow [s]", 1.0), ("slow [min]", 60.0), ("slow", 1e-3)])
+def test_a_clock_of_its_own_has_the_unit_its_header_says_or_else_that_of_the_common_one(tmp_path, header, scale):
+    toml = TOML.replace('column = "v"\n', 'column = "v"\ntime = "slow"\n')
+    manoeuvre = load(write(tmp_path, toml, f"t,nEng,v,wl,wr,T,{header}\n0,1,1,1,1,1,5\n10,1,1,1,1,1,6\n")).manoeuvres[0]
+    assert manoeuvre["vehicle_speed"].time == pytest.approx([5.0 * scale, 6.0 * scale])
+    assert manoeuvre["engine_speed"].time == pytest.approx([0.0, 0.010])
+
+
+def test_a_mean_is_of_columns_each_in_its_own_unit(tmp_path):
+    toml = TOML.replace('column = ["wl", "wr"]\nunit = "rad/s"', 'column = ["wl", "wr"]')
+    csv = CSV.replace("wl,wr", "wl [rpm],wr [rad/s]")
+    wheel = load(write(tmp_path, toml, csv)).manoeuvres[0]["wheel_speed"]
+    assert wheel.values == pytest.approx([(np.pi / 30 + 3) / 2, (2 * np.pi / 30 + 4) / 2])
+    assert wheel.source == "wl [rpm] and wr [rad/s]"
+    with pytest.raises(InputError, match="column 'wr' has no unit"):
+        load(write(tmp_path, toml, CSV.replace("wl,wr", "wl [rpm],wr")))
+
+
+def test_only_the_clock_needs_a_name_where_the_columns_have_theirs(tmp_path):
+    toml = '[[manoeuvre]]\nfile = "log.csv"\n[channels.time]\ncolumn = "t"\nunit = "ms"\n'
+    force = load(write(tmp_path, toml, "t,force,n\n0,1,5\n10,2,6\n")).manoeuvres[0]["force"]
+    assert force.time == pytest.approx([0.0, 0.010])
+    with pytest.raises(InputError, match="no column bears a canonical name"):
+        load(write(tmp_path, toml, "t,n\n0,1\n"))
+
+
+def test_a_column_that_is_there_twice_is_refused_where_it_is_needed(tmp_path):
+    (tmp_path / "a.csv").write_text("time,engine_speed [rpm],force,engine_speed [rad/s],n,n\n0,1,2,3,4,5\n")
+    with pytest.raises(InputError, match=r"'engine_speed' \(engine_speed \[rpm\], engine_speed \[rad/s\]\)"):
+        load(tmp_path / "a.csv")
+    force = load(tmp_path / "a.csv", {"channels": {"force": {}}}).manoeuvres[0]["force"]
+    assert force.values.tolist() == [2.0]
+
+
+def test_a_description_with_one_manoeuvre_in_single_brackets_is_refused(tmp_path):
+    (tmp_path / "a.csv").write_text("time,force\n0,1\n")
+    with pytest.raises(InputError, match=r"at least one \[\[manoeuvre\]\] is needed, in two brackets"):
+        load(tmp_path / "a.csv", {"manoeuvre": {"kind": "drive"}})
+
+
+@pytest.mark.parametrize("name", ["run[1].csv", "run*.csv", "part[2]/run.csv"])
+def test_the_name_of_a_file_is_no_pattern(tmp_path, name):
+    (tmp_path / "part[2]").mkdir()
+    (tmp_path / "run1.csv").write_text("time,force\n5,99\n")
+    (tmp_path / name).write_text("time,force\n0,1\n")
+    assert load(tmp_path / name).manoeuvres[0]["force"].values.tolist() == [1.0]
+
+
+def test_gzip_is_known_by_either_spelling_and_refused_by_name_where_it_is_damaged(tmp_path):
+    packed = gzip.compress(b"time,force\n" + b"".join(b"%d,%d\n" % (i, i * i % 97) for i in range(5000)))
+    (tmp_path / "A.CSV.GZ").write_bytes(packed)
+    manoeuvre = load(tmp_path / "A.CSV.GZ").manoeuvres[0]
+    assert (manoeuvre.name, manoeuvre["force"].values.size) == ("A", 5000)
+    middle = len(packed) // 2
+    for damaged in (packed[:middle], packed[:-4], packed[:middle] + b"\xff\x00\xff" + packed[middle + 3:]):
+        (tmp_path / "b.csv.gz").write_bytes(damaged)
+        with pytest.raises(InputError, match=r"b.csv.gz is not a readable CSV file"):
+            load(tmp_path / "b.csv.gz")
+
+
+# -- what is wrong ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("toml", "csv", "words"), [
@@ -127,7 +207,9 @@ def test_keys_without_meaning_are_said(tmp_path, caplog):
     (TOML.replace('"rpm"', '"rpn"'), CSV, r"channels.engine_speed: .*unknown unit 'rpn'"),
     (TOML.replace('"rpm"', '"N.m"'), CSV, r"engine_speed is measured in rad/s: 'N.m' cannot be converted"),
     (TOML.replace('unit = "rpm"', ""), CSV, r"column 'nEng' has no unit"),
-    (TOML.replace('unit = "ms"', 'unit = "m"'), CSV, r"time: 'm' cannot be converted to 's'"),
+    (TOML.replace('unit = "ms"', 'unit = "m"'), CSV, r"clock 't': time is measured in s: 'm' cannot be converted"),
+    (TOML.replace('unit = "ms"', "unit = 1"), CSV, r"clock 't': time is measured in s: '1' cannot be converted"),
+    (TOML.replace('unit = "ms"', 'factor = "ms"'), CSV, r"clock 't'.factor is 'ms': a number is needed"),
     (TOML.replace("channels.engine_speed", "channels.engine_sped"), CSV, r"did you mean 'engine_speed'"),
     (TOML.replace("tip_in", "tipin"), CSV, r"kind is 'tipin'; did you mean 'tip_in'"),
     (TOML.replace("gear = 5", "gear = 5.5"), CSV, r"gear is 5.5: a whole number"),
@@ -135,7 +217,7 @@ def test_keys_without_meaning_are_said(tmp_path, caplog):
     (TOML.replace('file = "log.csv"', 'file = "gone.csv"'), CSV, r"there is no data file .*gone.csv"),
     (TOML.replace('file = "log.csv"', 'file = "measurement.toml"'), CSV, r"unknown kind of data file"),
     (TOML.replace('file = "log.csv"', ""), CSV, r"needs file"),
-    (TOML.replace("[[manoeuvre]]", "[manoeuvre]"), CSV, r"at least one \[\[manoeuvre\]\]"),
+    (TOML.replace("[[manoeuvre]]", "[manoeuvre]"), CSV, r"at least one \[\[manoeuvre\]\] is needed, in two brackets"),
     (TOML.replace('column = "t"', "column = 3"), CSV, r"time is 3: the name of a column"),
     (TOML + "x = = 1\n", CSV, r"measurement.toml: .*line"),
     (TOML, CSV.replace("1200", "fast"), r"log.csv, line 4, column 'nEng': 'fast' is not a number"),
@@ -144,6 +226,9 @@ def test_keys_without_meaning_are_said(tmp_path, caplog):
     (TOML, "t,nEng,v,wl,wr,T\n0,,1,1,1,1\n", r"column 'nEng' holds no values"),
     (TOML, "t,nEng,v,wl,wr,T\n0,1,1,1,1,1\n9000,1,1,1,1,1\n0,1,1,1,1,1\n",
      r"jumps back by 9 s at data row 3"),
+    (TOML, "t,nEng,v,wl,wr,T\n" + "".join(f"{t},{n},1,1,1,1\n" for n in (1000, 2000) for t in range(n % 7, 400, 10)),
+     r"jumps back by 0.391 s at data row 41: two recordings in one file"),
+    (TOML, CSV.replace("t,nEng,v,", "t,nEng,nEng,"), r"log.csv: 2 columns are called 'nEng' \(nEng, nEng\): leave"),
 ])
 def test_what_is_wrong_is_named(tmp_path, toml, csv, words):
     with pytest.raises(InputError, match=words) as caught:
@@ -196,6 +281,34 @@ def test_mdf_files_have_a_clock_for_each_group(tmp_path):
     assert manoeuvre["engine_speed"].time == pytest.approx(fast)
     assert manoeuvre["engine_speed"].values == pytest.approx(2 * np.pi * fast)
     assert manoeuvre["position"].time == pytest.approx(slow)
+    assert not manoeuvre.notices
+
+
+def test_what_is_said_of_a_common_clock_that_an_mdf_file_does_not_have_is_not_used_and_that_is_said(tmp_path):
+    asammdf = pytest.importorskip("asammdf")
+    with asammdf.MDF(version="4.10") as file:
+        file.append([asammdf.Signal(samples=np.ones(3), timestamps=np.arange(3) * 0.2, name="force", unit="N")])
+        file.save(tmp_path / "a.mf4")
+    manoeuvre = load(tmp_path / "a.mf4", {"channels": {"time": {"column": "nosuch", "unit": "ms"}}}).manoeuvres[0]
+    assert manoeuvre["force"].time == pytest.approx([0.0, 0.2, 0.4])
+    assert "a.mf4: every channel has its own clock in this file, so [channels.time] is not used" in manoeuvre.notices[0]
+
+
+def test_a_mean_of_mdf_channels_needs_one_clock(tmp_path):
+    asammdf = pytest.importorskip("asammdf")
+    with asammdf.MDF(version="4.10") as file:
+        for name, start, count in (("a", 0.0, 5), ("same", 1e-9, 5), ("later", 0.05, 5), ("longer", 0.0, 6)):
+            file.append([asammdf.Signal(samples=np.arange(float(count)), timestamps=start + np.arange(count) * 0.1,
+                                        name=name, unit="rad/s")])
+        file.save(tmp_path / "a.mf4")
+
+    def mean(*columns):
+        return load(tmp_path / "a.mf4", {"channels": {"wheel_speed": {"column": list(columns)}}}).manoeuvres[0]
+
+    assert mean("a", "same")["wheel_speed"].values == pytest.approx(np.arange(5))
+    for other in ("later", "longer"):
+        with pytest.raises(InputError, match=f"columns 'a' and '{other}' of a.mf4 are sampled at instants of their"):
+            mean("a", other)
 
 
 def test_a_result_equal_to_the_measurement_has_no_error_on_any_clock(tmp_path):

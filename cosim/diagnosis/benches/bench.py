@@ -92,7 +92,9 @@ def diagnose_bench(plant: RigidPlant, runs: Sequence[Run], reserved: Sequence[Ru
     traces = _traces(inverse, after, skew)
     if reserved:
         say("measuring the gain on " + ", ".join(run.name for run in reserved))
-        untouched = _traces(Torques(plant, reserved, inverse.band), after, skew)
+        untouched = {(run, channel): courses for (run, channel), courses
+                     in _traces(Torques(plant, reserved, inverse.band), after, skew).items()
+                     if channel in inverse.channels}  # of another one nothing was diagnosed
         finding["gain"] = gained([Gain.of(run, channel, *courses, inverse.sigma[channel])
                                   for (run, channel), courses in untouched.items()], len(inverse.names))
         traces |= untouched
@@ -157,26 +159,31 @@ def _rivals(tried: Sequence[Supposition], best: Supposition) -> list[dict[str, A
 def _wrong(inverse: Inverse) -> list[dict[str, Any]]:
     """What the vehicle file gets wrong of each channel: its zero, its size, its course."""
     units = {v.name: v.unit for v in (*inverse.plant.plant.inputs, *inverse.plant.plant.output_variables)}
-    names = [run.name for run in inverse.runs]
-    where = ", ".join(names) if len(names) <= FEW else f"{names[0]} to {names[-1]}, {len(names)} stretches"
     healthy, everything = inverse.predicted_errors(()), inverse.predicted_errors(inverse.effects)
     nominal, missing = inverse.needed(inverse.plant.values), inverse.missing_within(())
     found = []
     for c, channel in enumerate(inverse.channels):
+        names = [run.name for run, error in zip(inverse.runs, missing) if channel in error]
+        where = ", ".join(names) if len(names) <= FEW else f"{names[0]} to {names[-1]}, {len(names)} stretches"
         zeros, scales, scale, sigma = [], [], inverse.scale[channel], inverse.sigma[channel]
         for error, needed, blocks in zip(missing, nominal, inverse.blocks):
+            if channel not in error:
+                continue
             for e, n in zip(np.array_split(error[channel], len(blocks)), np.array_split(needed[channel], len(blocks))):
                 zeros.append(float(np.mean(e)))
                 scales.append(float(np.polyfit(n, e, 1)[0]))
-        excess = float(np.sqrt(np.mean(healthy[:, c])) - np.sqrt(np.mean(everything[:, c]))) * sigma
-        rows = (
-            (float(np.mean(zeros)), _mean_is_zero(zeros), units[channel], SLIGHT * scale, "zero is off by {0:.3g} {1}"),
-            (float(np.mean(scales)), _mean_is_zero(scales), "1", SLIGHT,
+        there = ~np.isnan(healthy[:, c])
+        of_file, least = healthy[there, c], everything[there, c]
+        zero, share = float(np.mean(zeros)), float(np.mean(scales))
+        excess = float(np.sqrt(np.mean(of_file)) - np.sqrt(np.mean(least))) * sigma
+        rows = (  # the last one is wrong to one side only: blocks may decide for it that a few large errors outweigh
+            (zero, _mean_is_zero(zeros), units[channel], abs(zero) > SLIGHT * scale, "zero is off by {0:.3g} {1}"),
+            (share, _mean_is_zero(scales), "1", abs(share) > SLIGHT,
              "reads {2:.3g} times what the measured motion needs"),
-            (excess, paired(healthy[:, c], everything[:, c]), units[channel], SLIGHT * sigma,
+            (excess, paired(of_file, least), units[channel], excess > SLIGHT * sigma,
              "error {0:.3g} {1} larger than it would have to be"))
-        for size, p, unit, slight, words in rows:
-            if 3 * len(inverse.channels) * p < SIGNIFICANT and abs(size) > slight:
+        for size, p, unit, shows, words in rows:
+            if 3 * len(inverse.channels) * p < SIGNIFICANT and shows:
                 found.append({"signal": channel, "where": where, "what": words.format(size, unit, 1.0 + size),
                               "size": size, "unit": unit, "p_value": min(1.0, 3 * len(inverse.channels) * p)})
     return sorted(found, key=lambda row: row["p_value"])
@@ -195,10 +202,10 @@ def _unknown(inverse: Inverse) -> tuple[float, dict[str, Any]]:
     missing, found = inverse.missing_within(None), []
     for channel, node in inverse.plant.sections.items():
         if channel in inverse.channels:
-            error = np.concatenate([m[channel] for m in missing])
+            error = np.concatenate([m[channel] for m in missing if channel in m])
             for name in ("speed", "acceleration", "position", "time"):
                 over = np.concatenate([inverse.thinned(getattr(motion, name))
-                                       for motion in inverse.motions])
+                                       for m, motion in zip(missing, inverse.motions) if channel in m])
                 share, shape, size = _shape(over, error)
                 found.append((share, {"balance": node, "driving_variable": name, "shape": shape, "size": size,
                                       "unit": CANONICAL[channel].unit}))
@@ -230,7 +237,7 @@ def _traces(torques: Torques, values: Mapping[str, float],
     """Run and channel to clock, measured as if its samples were not late, before and after."""
     measured, before, after = torques.measured(skew), torques.needed(torques.plant.values), torques.needed(values)
     return {(run.name, c): (torques.clock(r), measured[r][c], before[r][c], after[r][c])
-            for r, run in enumerate(torques.runs) for c in torques.channels}
+            for r, run in enumerate(torques.runs) for c in measured[r]}
 
 
 def _next(inverse: Inverse, tried: Sequence[Supposition], best: Supposition,

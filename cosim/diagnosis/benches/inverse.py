@@ -22,10 +22,9 @@ from scipy.linalg import cho_factor, cho_solve
 from cosim.diagnosis.catalogue import shown_by
 from cosim.diagnosis.effect import EffectParameter
 from cosim.diagnosis.fit.regression import Band, dependence, paired
-from cosim.diagnosis.plants.rigid import RigidPlant
+from cosim.diagnosis.plants.rigid import RigidPlant, interval_of, spoiled
 from cosim.diagnosis.plants.run import STEP, Run
 
-TRIM = 6.0  # periods of the band's edge, at both ends of a run
 BLOCK = 2.0  # s
 SKEW, FRAMES = 2e-3, 0.5  # by how much the samples of a channel are late, one sigma: s, and sampling intervals
 TOLERANCE = 0.25  # what the catalogue can name is right on a healthy bench but for this share of what shows
@@ -106,19 +105,24 @@ class Torques:
         plant: The bench as its vehicle file has it.
         runs: What is compared.
         band: In which; by default that in which their motion is known.
+
+    Attributes:
+        channels: Of torque or force, each recorded in one run or more.
+        scale: Root mean square of each channel.
+        trim: Left out at either end of every run [s].
     """
 
     def __init__(self, plant: RigidPlant, runs: Sequence[Run], band: Band | None = None) -> None:
         self.plant, self.runs = plant, list(runs)
         self.motions = [plant.motion(run, plant.values) for run in runs]
         self.shown = [plant.shown(run) for run in runs]
-        intervals = np.concatenate([np.diff(clock) for shown in self.shown for clock, _ in shown.values()])
-        self.interval = float(np.mean(intervals))
-        self.band = band or Band.sampled(float(np.quantile(intervals, 0.9)))
-        self.trim = TRIM / self.band.edge
-        self.channels = list(self.shown[0])
+        clocks = [clock for shown in self.shown for clock, _ in shown.values()]
+        self.interval = float(np.mean(np.concatenate([np.diff(clock) for clock in clocks])))
+        self.band = band or Band.sampled(interval_of(clocks))
+        self.trim = spoiled(self.band)
+        self.channels = [c for c in plant.sections if any(c in shown for shown in self.shown)]
         nominal = self.measured({})
-        self.scale = {c: float(np.sqrt(np.mean(np.concatenate([m[c] for m in nominal]) ** 2))) for c in self.channels}
+        self.scale = {c: _root_mean_square(nominal, c) for c in self.channels}
 
     def thinned(self, signal: np.ndarray) -> np.ndarray:
         """What of a run's signal is compared, unfiltered."""
@@ -158,7 +162,7 @@ class Torques:
 
     def missing(self, values: Mapping[str, float], skew: Mapping[str, float]) -> list[dict[str, np.ndarray]]:
         """Measured minus needed."""
-        return [{c: m[c] - n[c] for c in self.channels} for m, n in zip(self.measured(skew), self.needed(values))]
+        return [{c: m[c] - n[c] for c in m} for m, n in zip(self.measured(skew), self.needed(values))]
 
     def _filtered(self, signals: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         return {name: self.band.of(signal, STEP, self.trim) for name, signal in signals.items()}
@@ -180,8 +184,7 @@ class Inverse(Torques):
         slopes = []
         for direction in self._possible():
             found = self._slope(direction, np.zeros(0), self.nominal)
-            reach = max(float(np.sqrt(np.mean(np.concatenate([s[c] for s in found]) ** 2))) / self.scale[c]
-                        for c in self.channels)
+            reach = max(_root_mean_square(found, c) / self.scale[c] for c in self.channels)
             if reach > 1e-9:  # no cause moves more than there is, no tolerance moves what one would notice
                 self.directions.append(replace(direction, spread=min(direction.spread, 1.0 / reach),
                                                tolerance=min(direction.tolerance, SLIGHT / reach))
@@ -233,7 +236,7 @@ class Inverse(Torques):
             values, skew = self.at(moved)
         else:
             values, skew = self.plant.values, {direction.name: direction.step}
-        return [{c: (n[c] - m[c]) / direction.step for c in self.channels}
+        return [{c: (n[c] - m[c]) / direction.step for c in m}
                 for m, n in zip(self.missing(values, skew), missing)]
 
     def relinearise(self, supposition: Supposition) -> None:
@@ -250,10 +253,10 @@ class Inverse(Torques):
         for _ in range(3):
             self.blocks: list[list[Block]] = []  # of every run
             for r, left in enumerate(missing):
-                j = [np.column_stack([s[r][c] for s in slopes]) / self.sigma[c] for c in self.channels]
-                y = [left[c] / self.sigma[c] + own @ point for c, own in zip(self.channels, j)]
+                j = [np.column_stack([s[r][c] for s in slopes]) / self.sigma[c] for c in left]
+                y = [left[c] / self.sigma[c] + own @ point for c, own in zip(left, j)]
                 count = max(1, round(y[0].size / (BLOCK * self.band.rate)))
-                channel = np.arange(len(self.channels))
+                channel = np.array([self.channels.index(c) for c in left])
                 self.blocks.append([
                     Block(np.concatenate(ys), np.vstack(js), np.repeat(channel, [y.size for y in ys]))
                     for ys, js in zip(zip(*(np.array_split(own, count) for own in y)),
@@ -311,6 +314,8 @@ class Inverse(Torques):
     def predicted_errors(self, effects: Iterable[str], exact: Iterable[str] = ()) -> np.ndarray:
         """Mean squared whitened error of every block and channel (blocks x channels), predicted from all others.
 
+        NaN where the block's run has no such channel.
+
         Args:
             effects: The causes; the rest is within tolerance.
             exact: Effects that are exactly as the file says.
@@ -318,16 +323,17 @@ class Inverse(Torques):
         exact = set(exact)
         spread = self.spread(effects) * np.array([d.effect not in exact for d in self.directions])
         blocks = [b for run in self.blocks for b in run]
-        found = np.zeros((len(blocks), len(self.channels)))
+        found = np.full((len(blocks), len(self.channels)), np.nan)
         for i, b in enumerate(blocks):
             matrix = np.eye(spread.size) + spread[:, None] * (self._square - b.square) * spread
             point = spread * np.linalg.solve(matrix, spread * (self._product - b.product))
             error = (b.missing - b.slopes @ point) ** 2
-            found[i] = [error[b.channel == c].mean() for c in range(len(self.channels))]
+            for c in np.unique(b.channel):
+                found[i, c] = error[b.channel == c].mean()
         return found
 
     def significance(self, best: Sequence[str]) -> dict[str, float]:
-        """For every effect of a set: p-value that blocks are predicted no better with it than without.
+        """For every effect of a set: p-value that blocks it moves are predicted no better with it than without.
 
         Without it, what else is within tolerance may take its place; so it is also tried with all that exactly as
         the file says, and what shows it more clearly counts.
@@ -336,8 +342,10 @@ class Inverse(Torques):
         others = [e for e in self.names if e not in best]
         found = {}
         for e in best:
-            doubts = [paired(self.predicted_errors(best, [*rest, e]).sum(axis=1),
-                             self.predicted_errors(best, rest).sum(axis=1)) for rest in ([], others)]
+            own = np.array([d.effect == e for d in self.directions])
+            moved = [bool(b.slopes[:, own].any()) for run in self.blocks for b in run]  # none that lack its channel
+            doubts = [paired(np.nansum(self.predicted_errors(best, [*rest, e])[moved], axis=1),
+                             np.nansum(self.predicted_errors(best, rest)[moved], axis=1)) for rest in ([], others)]
             found[e] = min(1.0, tried * min(doubts))
         return found
 
@@ -354,7 +362,7 @@ class Inverse(Torques):
         chosen = set(self.names if effects is None else effects) | {""}
         point = self._solved(self.spread(chosen) * np.array([d.effect in chosen for d in self.directions]))[0]
         return [{c: np.concatenate([(b.missing - b.slopes @ point)[b.channel == i] for b in run]) * self.sigma[c]
-                 for i, c in enumerate(self.channels)} for run in self.blocks]
+                 for i, c in enumerate(self.channels) if c in shown} for run, shown in zip(self.blocks, self.shown)]
 
     def deviations(self, supposition: Supposition) -> np.ndarray:
         """Standard deviation of every direction: by the noise's scale, or what blocks disagree by if that is more."""
@@ -362,3 +370,8 @@ class Inverse(Torques):
         robust = supposition.covariance @ (scores.T @ scores) @ supposition.covariance
         robust *= len(scores) / max(len(scores) - 1, 1)
         return np.sqrt(np.maximum(np.diag(robust), np.diag(supposition.covariance)))
+
+
+def _root_mean_square(signals: Iterable[Mapping[str, np.ndarray]], channel: str) -> float:
+    """Of a channel over all runs that have it."""
+    return float(np.sqrt(np.mean(np.concatenate([signal[channel] for signal in signals if channel in signal]) ** 2)))

@@ -13,7 +13,7 @@ every effect that changes a value changes the torque.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -21,6 +21,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfiltfilt
 
+from cosim.diagnosis.fit.regression import Band
 from cosim.diagnosis.plants.base import SHORTEST, InstrumentedPlant, compared
 from cosim.diagnosis.plants.observation import Errors, observe
 from cosim.diagnosis.plants.run import STEP, Run
@@ -29,6 +30,8 @@ from driveline.kernels import layout as k
 from driveline.quantities import InputError
 
 LONGEST = 10.0  # s: stretches into which a recording is cut
+TRIM = 6.0  # periods of the band's edge that a filter spoils at either end of a stretch
+_LEAST = 3.0  # of those ends: how long a stretch has to be
 _SMOOTH = 100.0  # Hz: a position is smoothed up to here before it is differentiated
 _MISSED = 2.5  # of nine in ten intervals between samples: a longer one is a gap
 _GRID = 129  # speeds at which friction is asked for, either way
@@ -68,28 +71,47 @@ class RigidPlant(InstrumentedPlant):
         return {v.name: (-np.inf if v.minimum is None else v.minimum, np.inf if v.maximum is None else v.maximum)
                 for v in self._plant.variables if v.causality == "parameter"}
 
-    def runs(self, measurement: Measurement, longest: float = LONGEST) -> list[Run]:
-        """The manoeuvres of a measurement, cut where frames are lost, and into stretches of at most ``longest`` [s].
+    def runs(self, measurement: Measurement, longest: float | None = None) -> list[Run]:
+        """The manoeuvres of a measurement, cut where frames are lost, and into stretches.
+
+        Args:
+            longest: A stretch's length at most [s]; by default ``LONGEST``, or more where samples are so far apart that
+                too little of its halves would be left once they are filtered.
 
         Raises:
             InputError: The torque or force of the drive or all motion is missing, or a manoeuvre is too short.
         """
-        return [run for manoeuvre in measurement.manoeuvres for run in self._cut(manoeuvre, longest)]
+        interval = max(self._interval(manoeuvre) for manoeuvre in measurement.manoeuvres)
+        shortest = max(SHORTEST, _LEAST * spoiled(Band.sampled(interval)))
+        longest = max(LONGEST, 2.0 * shortest) if longest is None else longest
+        return [run for manoeuvre in measurement.manoeuvres
+                for run in self._cut(manoeuvre, shortest, longest, interval)]
 
-    def _cut(self, manoeuvre: Manoeuvre, longest: float) -> list[Run]:
+    def _interval(self, manoeuvre: Manoeuvre) -> float:
+        """Between the samples of what is compared [s]: the motion's, which also the drive's torque is compared at.
+
+        Raises:
+            InputError: The torque or force of the drive or all motion is missing, or all of it is too short.
+        """
         self._driven(manoeuvre)
-        if not any(name in manoeuvre for name in self.motions):
+        motion = next((name for name in self.motions if name in manoeuvre), None)
+        if motion is None:
             raise InputError(f"manoeuvre '{manoeuvre.name}' shows no motion: one of {', '.join(self.motions)} "
                              "is needed")
+        self._span(manoeuvre)
+        others = [name for name in self.sections if name != self.driver and name in manoeuvre]
+        return interval_of(manoeuvre[name].time for name in (motion, *others))
+
+    def _cut(self, manoeuvre: Manoeuvre, shortest: float, longest: float, interval: float) -> list[Run]:
         spans = []
-        for start, stop in self._whole(manoeuvre):
+        for start, stop in self._whole(manoeuvre, shortest, interval):
             bounds = np.linspace(start, stop, max(1, int(np.ceil((stop - start) / longest))) + 1)
             spans += list(zip(bounds, bounds[1:]))
         return [self._run(manoeuvre, manoeuvre.name if len(spans) == 1 else f"{manoeuvre.name}_{i}", a, b)
                 for i, (a, b) in enumerate(spans, start=1)]
 
-    def _whole(self, manoeuvre: Manoeuvre) -> list[tuple[float, float]]:
-        """Spans [s] in which no channel lost frames.
+    def _whole(self, manoeuvre: Manoeuvre, shortest: float, interval: float) -> list[tuple[float, float]]:
+        """Spans [s] of at least ``shortest`` in which no channel lost frames.
 
         A motion that is differentiated twice through a gap is that of another bench.
 
@@ -101,12 +123,14 @@ class RigidPlant(InstrumentedPlant):
         start, stop = self._span(manoeuvre)
         spans = []
         for begin, end in [*lost, (stop, stop)]:
-            if min(begin, stop) - start >= SHORTEST:
-                spans.append((start, min(begin, stop)))
+            spans.append((start, min(begin, stop)))
             start = max(start, end)
-        if not spans:
-            raise InputError(f"manoeuvre '{manoeuvre.name}': frames are lost so often that no {SHORTEST:g} s are whole")
-        return spans
+        kept = [(start, stop) for start, stop in spans if stop - start >= shortest]
+        if not kept:
+            whole = max(0.0, *(stop - start for start, stop in spans))
+            raise InputError(f"manoeuvre '{manoeuvre.name}': {shortest:.3g} s without lost frames are needed where "
+                             f"samples are {1e3 * interval:.3g} ms apart; there are no more than {whole:.3g} s")
+        return kept
 
     def _run(self, manoeuvre: Manoeuvre, name: str, start: float, stop: float) -> Run:
         inputs = self._inputs(manoeuvre, start, stop)
@@ -181,6 +205,16 @@ class RigidPlant(InstrumentedPlant):
         zero = {name: raw[name] + run.measured[name][0] if name.endswith("position") else raw[name]
                 for name in run.clocks}
         return super().instruments(zero, values, run)
+
+
+def interval_of(clocks: Iterable[np.ndarray]) -> float:
+    """What nine in ten intervals between samples [s] do not exceed."""
+    return float(np.quantile(np.concatenate([np.diff(clock) for clock in clocks]), 0.9))
+
+
+def spoiled(band: Band) -> float:
+    """How much [s] of a run a filter spoils at either end, as it does not know what was before or comes after."""
+    return TRIM / band.edge
 
 
 def _lost(channel: Channel) -> list[tuple[float, float]]:

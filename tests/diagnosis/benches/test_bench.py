@@ -6,12 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cosim.diagnosis.benches.bench import diagnose_bench
+from cosim.diagnosis.benches.bench import _wrong, diagnose_bench
+from cosim.diagnosis.benches.inverse import Inverse
 from cosim.diagnosis.catalogue import CATALOGUE, effect, shown_by
 from cosim.diagnosis.fit.regression import Band, block_sums, dependence, least_squares, paired, relative_error
 from cosim.diagnosis.judge.finding import joint_probability
 from cosim.diagnosis.plants import STEP, Bench, FullOrderCar, SingleMass, plant_for
-from cosim.measured import load
+from cosim.measured import Channel, Manoeuvre, Measurement, load
 from driveline.quantities import InputError
 
 MEASURED = Path(__file__).parents[4] / "shared" / "measured"
@@ -272,8 +273,79 @@ def test_a_bench_is_not_judged_where_frames_were_lost(tmp_path):
 
 
 def test_a_bench_that_is_never_whole_for_long_is_refused(tmp_path):
-    with pytest.raises(InputError, match="frames are lost so often that no 2 s are whole"):
+    with pytest.raises(InputError, match="'bench': 2 s without lost frames are needed where samples are 10 ms"):
         made_up(tmp_path, lost=[(begin, begin + 0.1) for begin in np.arange(1.0, 40.0, 1.5)])
+
+
+def slow_carriage(interval, lost=(), seconds=40.0):
+    """A carriage as its file has it, whose force reads 6 N too much, sampled every ``interval`` [s]."""
+    time = np.arange(0.0, seconds, interval)
+    for begin, end in lost:
+        time = time[(time < begin) | (time > end)]
+    rate, random = 1.5, np.random.default_rng(0)
+    angle, speed = rate * time, 0.1 * rate * np.cos(rate * time)
+    force = 95.1 * -0.1 * rate**2 * np.sin(angle) + 203.5 * speed + 20.4 * np.sign(speed) - 3.16 + 6.0
+    force += 0.3 * random.standard_normal(time.size)
+    position = 0.1 * np.sin(angle) + 1e-6 * random.standard_normal(time.size)
+    channels = {name: Channel(name, unit, time, values, name)
+                for name, unit, values in (("force", "N", force), ("position", "m", position))}
+    return Measurement("slow", "emps", None, (Manoeuvre("a", "bench", None, channels),))
+
+
+@pytest.mark.parametrize(("interval", "lost"), [
+    (0.02, [(2.25, 2.45)]), (0.05, [(5.05, 5.35)]), (0.1, [])])
+def test_a_bench_that_is_sampled_slowly_is_judged_on_long_pieces(interval, lost):
+    """What a filter leaves of a piece at either end grows with the interval; once nothing was left."""
+    found = slow_carriage(interval, lost)
+    plant = plant_for(found)
+    runs = plant.runs(found)
+    assert all(STEP * len(run.inputs) > 2.5 * Inverse(plant, runs).trim for run in runs)
+    finding = diagnose_bench(plant, runs[:-1], runs[-1:]).finding
+    assert "engine_torque_offset" in finding["together"]
+
+
+def test_a_slow_bench_that_is_never_whole_for_long_is_refused():
+    found = slow_carriage(0.02, [(begin, begin + 0.3) for begin in np.arange(2.2, 40.0, 2.5)])
+    with pytest.raises(InputError, match="'a': 3.6 s without lost frames are needed where samples are 20 ms apart; "
+                                         "there are no more than 2.18 s"):
+        plant_for(found).runs(found)
+
+
+@pytest.mark.parametrize("order", ["with, without", "without, with"])
+def test_recordings_of_a_bench_may_have_different_channels(tmp_path, order):
+    """One without the inline sensor takes nothing from what the other shows of it, and says what it can."""
+    runs = []
+    for i, inline in enumerate((True, False) if order == "with, without" else (False, True)):
+        (tmp_path / str(i)).mkdir()
+        plant, cut = made_up(tmp_path / str(i), inertia=4.0e-5, zero=0.02, inline=inline, seed=i)
+        runs += [dataclasses.replace(run, name=f"{i} {run.name}") for run in cut]
+    found = diagnose_bench(plant, runs[:-1], runs[-1:])
+    assert set(named(found.finding)) == {"wheel_inertia", "torque_meter_offset"}
+    assert parameter(found.finding, "wheel_inertia")["value"] == pytest.approx(4.0e-5, rel=0.05)
+    assert {row["signal"]: row["where"][0] for row in found.finding["wrong"]}["inline_torque"] == (
+        "0" if order == "with, without" else "1")
+    assert {run for run, channel in found.traces if channel == "inline_torque"} == {
+        run.name for run in runs if "inline_torque" in run.clocks}
+
+
+def test_the_gain_is_measured_on_channels_that_were_diagnosed(tmp_path):
+    plant, runs = made_up(tmp_path, inertia=4.0e-5)
+    without = [dataclasses.replace(run, clocks={n: c for n, c in run.clocks.items() if n != "inline_torque"})
+               for run in runs[:-1]]
+    finding = diagnose_bench(plant, without, runs[-1:]).finding
+    assert {row["signal"] for row in finding["gain"]["held_out"]} == {"motor_torque"}
+
+
+def test_an_error_that_is_smaller_than_it_has_to_be_is_not_wrong(tmp_path, monkeypatch):
+    """Most blocks are predicted better with everything, one is very much worse."""
+    plant, runs = made_up(tmp_path)
+    inverse = Inverse(plant, runs)
+    file = np.random.default_rng(0).uniform(1.0, 1.1, (400, 2))
+    everything = 0.8 * file
+    everything[0] = 200.0
+    monkeypatch.setattr(inverse, "predicted_errors", lambda effects, exact=(): everything if effects else file)
+    assert paired(file[:, 0], everything[:, 0]) < 1e-6 and np.mean(everything) > 1.2 * np.mean(file)
+    assert not [row for row in _wrong(inverse) if "larger" in row["what"]]
 
 
 def test_a_rotor_is_told_from_a_load_by_the_inline_sensor_and_by_nothing_else(tmp_path):
