@@ -6,7 +6,7 @@ import json
 import logging
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -22,6 +22,7 @@ from cosim.diagnosis.fit.noise import Noise
 from cosim.diagnosis.fit.predict import Predictor, coordinates
 from cosim.diagnosis.gain import extend
 from cosim.diagnosis.gain.profit import profit
+from cosim.diagnosis.gain.swings import in_phase, phases
 from cosim.diagnosis.judge import proposal
 from cosim.diagnosis.judge.confirm import FEWEST, Jury, words
 from cosim.diagnosis.judge.finding import believed, doubts, gained
@@ -32,7 +33,7 @@ from cosim.diagnosis.judge.verdict import beside, finding_of, is_strange, left_o
 from cosim.diagnosis.plants import FullOrderCar, InstrumentedPlant, RigidPlant, Run, plant_for, plausible
 from cosim.diagnosis.plants.car import PLACES
 from cosim.diagnosis.search.identify import APART, Identification, Search
-from cosim.diagnosis.show.residuals import wrong
+from cosim.diagnosis.show.residuals import repeatable, wrong
 from cosim.files import write_text
 from cosim.measured import Measurement, load
 
@@ -40,6 +41,7 @@ log = logging.getLogger("cosim")
 _TOLD = 1.0  # N.m.s: impulse that may be lost where frames are, from which on that is said
 _COMPARED = 4  # rivals that a proposed manoeuvre has to tell from the best
 _DRAWS = 30  # healthy cars
+FIRING_ORDER = "torque_ripple.order"
 
 
 @dataclass
@@ -97,7 +99,8 @@ def diagnose(path: Path, out: Path | None = None, *, workers: int | None = None,
     if isinstance(car, FullOrderCar):
         plausible.check(car, [*stretches, *further])
     runs, reserved = _reserve(stretches)
-    diagnosis = Diagnosis({}, measurement, car, runs, reserved, further, notices=_notices(car, runs, reserved))
+    notices = _notices(measurement, car, runs, reserved)
+    diagnosis = Diagnosis({}, measurement, car, runs, reserved, further, notices=notices)
     for notice in diagnosis.notices:
         say(notice)
     if isinstance(car, RigidPlant):
@@ -123,14 +126,14 @@ def _reserve(runs: list[Run]) -> tuple[list[Run], list[Run]]:
     """
     if len(runs) < 3:
         return runs, []
-    kinds = [(run.kind, run.gear, run.back) for run in runs]
-    repeated = [i for i, kind in enumerate(kinds) if kind in kinds[i + 1:]]
+    kinds = [repeatable(run) for run in runs]
+    repeated = [i for i, kind in enumerate(kinds) if kind and kind in kinds[i + 1:]]
     chosen = repeated[-1] if repeated else int(np.argmin([np.std(run.inputs[:, 0]) for run in runs[:-1]]))
     return [run for i, run in enumerate(runs) if i != chosen], [runs[chosen]]
 
 
-def _notices(car: InstrumentedPlant, runs: list[Run], reserved: list[Run]) -> list[str]:
-    """What the recordings cannot show."""
+def _notices(measurement: Measurement, car: InstrumentedPlant, runs: list[Run], reserved: list[Run]) -> list[str]:
+    """What the recordings cannot show, and how they are read."""
     notices = []
     present = {name for run in runs for name in run.clocks}
     blind = {
@@ -141,6 +144,8 @@ def _notices(car: InstrumentedPlant, runs: list[Run], reserved: list[Run]) -> li
         "vehicle_speed": "without a vehicle speed tyre slip and rolling radius cannot be told"}
     if isinstance(car, FullOrderCar):
         notices += [text for name, text in blind.items() if name not in present]
+    notices += [f"{manoeuvre.name}: times count from {manoeuvre.zero:.15g} s of its file"
+                for manoeuvre in measurement.manoeuvres if manoeuvre.zero and isinstance(car, FullOrderCar)]
     for run in runs:
         lost = [gap for gap in run.gaps if gap.impulse > _TOLD]
         if lost:
@@ -176,6 +181,10 @@ def _driveline(diagnosis: Diagnosis, car: FullOrderCar, out: Path | None, worker
     with Predictor(car, runs, declared, workers) as predictor:
         search = Search(predictor, say)
         found = search.run()
+        # what only recordings show that were not fitted has no noise that it could be judged by
+        diagnosis.reserved, diagnosis.further = (
+            [known for run in others if (known := run.only(found.noise.floors)).clocks]
+            for others in (diagnosis.reserved, diagnosis.further))
         further, confirmed = diagnosis.further, set()
         if len(further) >= FEWEST and found.best.causes:
             say(f"judging what was found on {len(further)} further stretches")
@@ -210,7 +219,7 @@ def _driveline(diagnosis: Diagnosis, car: FullOrderCar, out: Path | None, worker
     roads = [on_its_road(car, car.values, run, floors) for run in runs]
     with Predictor(car, roads, coordinates(car, roads), workers) as freely:
         nominal, healthy = _healthy(freely, found.noise)
-    diagnosis.finding["wrong"] = [w.as_json() for w in wrong(runs, nominal, healthy)]
+    diagnosis.finding["wrong"] = [w.as_json() for w in wrong(runs, nominal, healthy, car.values[FIRING_ORDER])]
     after = nominal
     if found.best.causes:
         roads = [on_its_road(car, predictor.values(point, r)[0], runs[r], floors) for r, point in enumerate(points)]
@@ -250,9 +259,18 @@ def _healthy(freely: Predictor, noise: Noise) -> tuple[list[np.ndarray], list[li
                      for r, run in enumerate(freely.runs)]
 
 
-def _values(predictor: Predictor, fit: Fit) -> dict[str, float]:
-    """Values with the supposed causes in them, and nothing else changed."""
-    return predictor.values(as_found(predictor, fit, fit.shared), 0)[0]
+def _values(predictor: Predictor, fit: Fit, told: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+    """Values with the supposed causes in them, and nothing else changed.
+
+    What swings is as large as it is told, of all runs, and at the file's phase: it has another in every run.
+    """
+    values = predictor.values(as_found(predictor, fit, fit.shared), 0)[0]
+    parameters = {cause["effect"]: cause["parameters"] for cause in told}
+    for c in predictor.coordinates:
+        if c.phase and c.cause in fit.causes:
+            values[c.parameter.targets[0]] = parameters[c.effect][c.parameter.name]["value"]
+            values[c.phase] = predictor.car.values.get(c.phase, 0.0)
+    return values
 
 
 def _localise(diagnosis: Diagnosis, listed: list[Disturbance]) -> None:
@@ -296,7 +314,7 @@ def _write_vehicle(diagnosis: Diagnosis, values: dict[str, float], out: Path) ->
 def _extend(diagnosis: Diagnosis, predictor: Predictor, found: Identification, out: Path | None,
             build: Callable[[Path, Path], Path] | None, say: Callable[[str], None]) -> None:
     """The extended vehicle and FMU, and the gain on the reserved runs, driven freely."""
-    car, values = diagnosis.car, _values(predictor, found.best)
+    car, values = diagnosis.car, _values(predictor, found.best, diagnosis.finding["causes"])
     changes, fmu = extend.changed_values(car.values, values), None
     if out is not None:
         _write_vehicle(diagnosis, values, out)
@@ -307,22 +325,27 @@ def _extend(diagnosis: Diagnosis, predictor: Predictor, found: Identification, o
     if not diagnosis.reserved:
         return
     say("measuring the gain on " + ", ".join(run.name for run in diagnosis.reserved))
-    known, floors = {False: car.values, True: values}, found.noise.floors
-    roads = {(extended, run.name): on_its_road(car, v, run, floors) for extended, v in known.items()
-             for run in diagnosis.reserved}
+    floors, swinging = found.noise.floors, phases(found.best.effects)
+    roads = {(extended, run.name): on_its_road(car, values if extended else car.values, run, floors)
+             for extended in (False, True) for run in diagnosis.reserved}
+    phase = {run.name: in_phase(car, values, roads[True, run.name], floors, swinging) for run in diagnosis.reserved}
+
+    def known(extended: bool, run: Run) -> dict[str, float]:
+        return {**values, **phase[run.name]} if extended else car.values
 
     def simulate(extended: bool, run: Run) -> dict[str, np.ndarray]:
-        run = roads[extended, run.name]
+        values, run = known(extended, run), roads[extended, run.name]
         if fmu is None:
-            return car.raw(known[extended], run)
-        nominal = {} if extended else {name: car.values[name] for name in changes}
-        return extend.co_simulate(fmu, nominal, extend.with_inputs(run, known[extended]), run.start_speed)
+            return car.raw(values, run)
+        other = phase[run.name] if extended else {name: car.values[name] for name in changes}
+        return extend.co_simulate(fmu, {name: x for name, x in other.items() if name in car.units},
+                                  extend.with_inputs(run, values), run.start_speed)
 
-    rows = extend.gain(diagnosis.reserved, simulate, (car.values, values), floors)
+    rows = extend.gain(diagnosis.reserved, simulate, known, floors)
     wanted, features = [(entry["signal"], entry["feature"]) for entry in diagnosis.finding["wrong"]], []
     for run in diagnosis.reserved:
-        before, after = (car.predict(v, roads[extended, run.name]) for extended, v in known.items())
-        features += extend.read_off(run, before, after, wanted)
+        before, after = (car.predict(known(extended, run), roads[extended, run.name]) for extended in (False, True))
+        features += extend.read_off(run, before, after, wanted, car.values[FIRING_ORDER])
         for name, clock in run.clocks.items():
             place = run.slices[name]
             diagnosis.traces[(run.name, name)] = (clock, run.measured[name], before[place], after[place])

@@ -186,6 +186,16 @@ def test_the_lash_moves_at_constant_sum_in_fifth_gear():
         assert after["transmission.half_gap"] >= 0.0 and after["final_drive.half_gap"] >= 0.0
 
 
+def test_the_lash_of_a_car_with_four_gears_moves_at_constant_sum_in_fourth():
+    values = nominal() | {f"transmission.ratio[{entry}]": 0.0 for entry in range(7, 13)}
+    ratio = values["transmission.ratio[6]"]
+    after = apply(effect("backlash_location"), {"backlash_shift": 0.01}, values)
+    assert after["final_drive.half_gap"] == pytest.approx(values["final_drive.half_gap"] - 0.01)
+    assert after["transmission.half_gap"] == pytest.approx(values["transmission.half_gap"] + 0.01 * ratio)
+    [shift] = effect("backlash_location").parameters
+    assert shift.range(values)[0] == pytest.approx(-values["transmission.half_gap"] / ratio)
+
+
 def test_a_suspension_comes_and_goes_with_its_compliance():
     rigid, sprung = nominal("modified"), nominal(None)
     change = effect("suspension_mode")

@@ -12,10 +12,12 @@ from cosim.diagnosis.search.identify import Identification
 
 @pytest.mark.parametrize(("kinds", "kept"), [
     ("tip_in tip_out", None), ("tip_in tip_in cruise", 0), ("tip_in cruise tip_in", 0), ("tip_in tip_out cruise", 0),
-    ("tip_out cruise tip_in", 1), ("tip_in tip_in_back cruise", 0), ("bench bench bench", 1)])
+    ("tip_out cruise tip_in", 1), ("tip_in tip_in_back cruise", 0), ("bench bench bench", 1),
+    ("drive cruise drive", 1), ("? cruise ?", 1)])
 def test_one_of_three_recordings_is_kept_back_never_the_last(kinds, kept):
+    """One that is repeated; of drives, and where nobody said what was driven, nothing is."""
     torques = {"cruise": [1.0, 1.1], "tip_in": [0.0, 2.0], "tip_out": [3.0, 0.0]}
-    runs = [SimpleNamespace(name=i, kind=kind.removesuffix("_back"), gear=5, back=kind.endswith("_back"),
+    runs = [SimpleNamespace(name=i, kind=kind.removesuffix("_back").strip("?"), gear=5, back=kind.endswith("_back"),
                             inputs=np.array([torques.get(kind.removesuffix("_back"), [0.0, 1.0])]).T)
             for i, kind in enumerate(kinds.split())]
     used, reserved = _reserve(runs)

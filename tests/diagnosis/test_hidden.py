@@ -14,6 +14,7 @@ from cosim.diagnosis.catalogue import CATALOGUE, effect
 from cosim.diagnosis.hidden import COCKTAIL, drawn, hide, sizes_of
 from cosim.diagnosis.hidden.model import simulate
 from cosim.diagnosis.hidden.outside import OUTSIDE
+from cosim.diagnosis.show.features import order_content
 from cosim.measured import load
 from driveline.quantities import InputError
 from driveline.vehicles import load as load_vehicle
@@ -131,6 +132,19 @@ def test_every_nuisance_drifts_by_three_to_five_percent_and_no_cause_does(nothin
     assert written["drift"] == truth.drift and written["effects"] == {} and written["structure"] == "same"
 
 
+def test_ripple_is_of_the_order_of_the_engine_which_never_drifts():
+    """Four of a V8; nor does it take a draw, so that what a seed made of a vehicle before stays as it was."""
+    suv = dict(load_vehicle("suv_6l80").values)
+    assert suv["torque_ripple.order"] == 4.0
+    without = {name: value for name, value in suv.items() if name != "torque_ripple.order"}
+    drifted = [package._drift(values, {}, "all", np.random.default_rng(1)) for values in (suv, without)]
+    assert drifted[0] == drifted[1] and len(drifted[0]) > 30
+    record = simulate(suv | {"torque_ripple.amplitude": 60.0}, 4, 12.0, TIMES, TORQUE, 3.0)
+    speed = record.signals["engine_speed"]
+    third, fourth = (order_content(record.time, speed, record.time, speed, order) for order in (3.0, 4.0))
+    assert fourth > 10.0 * third
+
+
 @pytest.mark.parametrize("name", ["suspension_mode", "torque_meter_filter"])
 def test_what_is_drawn_is_there(name, tmp_path, monkeypatch):
     """On a rigid axle, or without a filter, only one direction is an effect."""
@@ -211,6 +225,8 @@ def test_the_cocktail_of_table_2_3_is_the_modified_variant_on_the_baseline(tmp_p
     ("torque_meter_offset", "-12", {"torque_meter_offset": -12.0}),
     ("shaft_stiffness", "0.75", {"propeller_shaft_stiffness": 0.75, "axle_shaft_stiffness": 0.75}),
     ("shaft_stiffness", "axle_shaft_stiffness:0.8", {"axle_shaft_stiffness": 0.8}),
+    ("shaft_stiffness", " propeller_shaft_stiffness:0.8, axle_shaft_stiffness: 90 % ",
+     {"propeller_shaft_stiffness": 0.8, "axle_shaft_stiffness": 0.9}),
     ("two_stage_stiffness", "0.3", {"first_stage_stiffness": 0.3, "first_stage_twist": 0.015}),
 ])
 def test_sizes_as_users_write_them(name, text, expected):
@@ -255,6 +271,8 @@ def test_what_no_size_of_shows_in_a_vehicle_is_not_said_to_be_hidden(tmp_path, m
     (["torque_meter_filter=0", "--variant", "baseline"], "changes nothing"),
     (["torque_meter_filter=-0.01", "--variant", "baseline"], "from 0 to 0.2 is plausible"),
     (["vehicle_mass=much"], "a number is needed"),
+    (["backlash_size=1.2.3"], "a number is needed"),
+    (["shaft_stiffness=axle_shaft_stiffness:."], "a number is needed"),
     (["wheel_speed_delay=30 kg"], "cannot be converted"),
     (["wheel_inertia=3 kg.m2"], "a factor is needed"),
     (["outside:wavy_raod"], "did you mean 'wavy_road'"),

@@ -8,17 +8,21 @@ the lash is crossed: two impacts instead of one, at other instants.
 from __future__ import annotations
 
 from cosim.diagnosis.effect import Effect, Values, shift
+from driveline.elements.driveline_parts import in_gear
 
-FIFTH_GEAR = "transmission.ratio[7]"  # the sum is the same in this one, the gear of the validation
+
+def _ratio(values: Values) -> float:
+    """Of the gear in which the sum stays the same: the fifth, that of the validation, or the highest below."""
+    return next(ratio for gear in range(5, 0, -1) if (ratio := values.get(in_gear("ratio", gear), 0.0)) > 0.0)
 
 
 def _possible(values: Values) -> tuple[float, float]:
     """All that there is of either gap."""
-    return -values["transmission.half_gap"] / values[FIFTH_GEAR], values["final_drive.half_gap"]
+    return -values["transmission.half_gap"] / _ratio(values), values["final_drive.half_gap"]
 
 
 def _moved(sizes: Values, values: Values) -> dict[str, float]:
-    moved, ratio = sizes["backlash_shift"], values[FIFTH_GEAR]
+    moved, ratio = sizes["backlash_shift"], _ratio(values)
     return {"final_drive.half_gap": values["final_drive.half_gap"] - moved,
             "transmission.half_gap": max(0.0, values["transmission.half_gap"] + moved * ratio)}  # rounding may go below
 

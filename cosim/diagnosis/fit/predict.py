@@ -22,7 +22,7 @@ from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.effect import Effect, EffectParameter, factor, scaled
 from cosim.diagnosis.fit.noise import WANDER, bends, floor, wander
 from cosim.diagnosis.plants import STEP, FullOrderCar, Nuisance, Run
-from cosim.diagnosis.plants.hats import MEMORY, comb, fast, hats, parted, teeth
+from cosim.diagnosis.plants.hats import MEMORY, comb, fast, hats, lasting, parted, teeth
 from driveline.quantities import InputError
 
 # What differs from run to run: standard deviation, step of the differences.
@@ -329,14 +329,16 @@ class Predictor:
             predicted: Of all runs, without that row.
             job: What ``many`` takes, of a run and the heights of its hats over ``unit``.
             unit: How high hats are simulated.
-            memory: After which a hat does nothing any more [s].
+            memory: After which a hat does nothing any more [s], in runs that are led along the vehicle's speed.
         """
-        result = {run: np.zeros((predicted[run].size, hats(self.runs[run]).size), dtype=np.float32) for run in runs}
-        combs = [(run, first) for run in result for first in range(teeth(memory))]
-        found = self.many([job(run, comb(hats(self.runs[run]).size, first, memory)) for run, first in combs])
+        counts = {run: hats(self.runs[run]).size for run in runs}
+        lasts = {run: lasting(self.runs[run], memory) for run in counts}
+        result = {run: np.zeros((predicted[run].size, count), dtype=np.float32) for run, count in counts.items()}
+        combs = [(run, first) for run, count in counts.items() for first in range(min(teeth(lasts[run]), count))]
+        found = self.many([job(run, comb(counts[run], first, lasts[run])) for run, first in combs])
         for (run, first), y in zip(combs, found):
             if y is not None:
-                result[run] += parted(self.runs[run], first, memory, (y - predicted[run]) / unit)
+                result[run] += parted(self.runs[run], first, lasts[run], (y - predicted[run]) / unit)
         return result
 
     def strays(self, points: Sequence[np.ndarray], predicted: Sequence[np.ndarray], count: int) -> list[np.ndarray]:

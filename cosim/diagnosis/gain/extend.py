@@ -107,25 +107,25 @@ def _unit(name: str) -> str:
 
 
 def gain(runs: Iterable[Run], simulate: Callable[[bool, Run], Mapping[str, np.ndarray]],
-         values: tuple[Mapping[str, float], Mapping[str, float]], floors: Mapping[str, float]) -> list[Gain]:
+         values: Callable[[bool, Run], Mapping[str, float]], floors: Mapping[str, float]) -> list[Gain]:
     """Errors before and after on recordings that were not used.
 
     Args:
         simulate: ``(extended, run) -> outputs on run.time``.
-        values: Before and after; what matters are the instruments.
+        values: ``(extended, run) -> values``; what matters are the instruments.
         floors: Noise floor of each channel.
     """
     rows = []
     for run in runs:
-        raw = [simulate(extended, run) for extended in (False, True)]
+        known = [(simulate(extended, run), values(extended, run)) for extended in (False, True)]
         for name, clock in run.clocks.items():
-            if name in floors:
-                shown = (observe(y, run.time, known, name, clock) for y, known in zip(raw, values))
-                rows.append(Gain.of(run.name, name, clock, run.measured[name], *shown, floors[name]))
+            shown = (observe(raw, run.time, instruments, name, clock) for raw, instruments in known)
+            rows.append(Gain.of(run.name, name, clock, run.measured[name], *shown, floors[name]))
     return rows
 
 
-def read_off(run: Run, before: np.ndarray, after: np.ndarray, wanted: Iterable[Key]) -> list[dict[str, Any]]:
+def read_off(run: Run, before: np.ndarray, after: np.ndarray, wanted: Iterable[Key],
+             firing_order: float = Reader.firing_order) -> list[dict[str, Any]]:
     """What an engineer reads off a recording that was not used, and off the plant before and after.
 
     An error in time does not say whether shuffle is the right one a moment late, or another one.
@@ -135,11 +135,12 @@ def read_off(run: Run, before: np.ndarray, after: np.ndarray, wanted: Iterable[K
         before, after: Its stacked channels, simulated.
         wanted: Signals and features. Those that the recording or a simulation does not show are left out; how the
             driveline rings is read off every channel that shows it.
+        firing_order: Firings of the engine per revolution of its crankshaft.
 
     Returns:
         Rows for ``gain`` of a finding, SI.
     """
-    reader = Reader(run, before)
+    reader = Reader(run, before, firing_order)
     shown, was, now = (reader.read(stacked) for stacked in (run.stacked, before, after))
     keys = dict.fromkeys([*wanted, *(key for key in shown if key[1] in WITH_RINGING)])
     return [{"manoeuvre": run.name, "signal": key[0], "feature": key[1], "unit": unit_of(*key),

@@ -47,7 +47,8 @@ LARGEST_STRENGTH = 5.0  # of a drawn size, in detection limits; the smallest is 
 _FIXED = re.compile(r"ratio|_sensor\.|^torque_meter\.|^start\.|^solver\.|noise|enabled|^converter\.(capacity|speed)"
                     r"|^vehicle\.(frontal_area|air_density)$|^engine\.(maximum_torque|idle|torque)|^observe\.|^input\.")
 _LOOKED_UP = ("tyre.radius",)  # of the catalogue's targets, what even ``drift="all"`` leaves alone
-_SIZE = re.compile(r"^\s*(\+?)\s*([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*(.*?)\s*$")
+_COUNTED = {"torque_ripple.order"}  # half the engine's cylinders: never drifts, and no draw is spent on it
+_SIZE = re.compile(r"^\s*(\+?)\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)(?![\d.])\s*(.*?)\s*$")
 
 
 @dataclass(frozen=True)
@@ -202,8 +203,9 @@ def sizes_of(effect: Effect, text: str, nominal: Mapping[str, float],
         sizes = drawn(effect, random)
         return {p.name: p.within(sizes[p.name], nominal) for p in effect.parameters if p.name in sizes}
     if ":" in text:
-        named = dict(part.partition(":")[::2] for part in text.split(","))
-        effect.complete({name.strip(): 0.0 for name in named})
+        parts = (part.partition(":") for part in text.split(","))
+        named = {name.strip(): size for name, _, size in parts}
+        effect.complete(dict.fromkeys(named, 0.0))
         sizes = {p.name: _size(p, named[p.name], nominal) for p in effect.parameters if p.name in named}
     else:
         kind = effect.parameters[0].scale
@@ -300,7 +302,7 @@ def _drift(values: Mapping[str, float], changed: Mapping[str, Any], drift: str,
            random: np.random.Generator) -> dict[str, float]:
     """Relative drift of every parameter that may; the same draw for a table's entries."""
     targets, shares, found = _targets(), {}, {}
-    for name in sorted(values):
+    for name in sorted(values.keys() - _COUNTED):
         table = name.partition("[")[0]
         if table not in shares:  # drawn for all, so that what is hidden leaves the drift of the others alone
             shares[table] = float(random.uniform(*DRIFT) * random.choice([-1.0, 1.0]))

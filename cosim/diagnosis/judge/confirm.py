@@ -62,7 +62,8 @@ class Jury:
 
     def __init__(self, predictor: Predictor, runs: Sequence[Run], floors: Mapping[str, float]) -> None:
         self.predictor, self.runs, self.floors = predictor, list(runs), floors
-        self._known: dict[tuple[str, ...], np.ndarray] = {}
+        # the same causes are asked for in several sizes: as fitted together with others, and without them
+        self._known: dict[tuple[tuple[str, ...], bytes], np.ndarray] = {}
 
     def judged(self, found: Identification,
                fitted: Callable[[tuple[str, ...]], Fit]) -> tuple[Identification, list[Verdict]]:
@@ -114,11 +115,12 @@ class Jury:
 
     def _errors(self, fit: Fit) -> np.ndarray:
         """Error of every stretch: root mean squares over noise, geometric mean over its channels."""
-        if fit.causes not in self._known:
+        asked = fit.causes, fit.shared.tobytes()
+        if asked not in self._known:
             shared = [0.0 if c.run is not None else x for c, x in zip(self.predictor.coordinates, fit.shared)]
             values, _ = self.predictor.values(as_found(self.predictor, fit, np.array(shared)), 0)
-            self._known[fit.causes] = np.array([self._error(values, run) for run in self.runs])
-        return self._known[fit.causes]
+            self._known[asked] = np.array([self._error(values, run) for run in self.runs])
+        return self._known[asked]
 
     def _error(self, values: Mapping[str, float], run: Run) -> float:
         car: FullOrderCar = self.predictor.car

@@ -23,6 +23,7 @@ _SOMETHING_ELSE, _FOR_MANY, _PAIR = 0.03, 0.5, 2
 _AS_LIKELY, _SURER = 20.0, 4.0
 _SAID = 0.1  # probability of something else from which on it is said for that
 NOTHING = "nothing"  # for what a missing torque goes with
+_STILL = 1e-9  # share of a channel by which one that stands still changes at most, as it is rounded
 _WHAT = {"N": "force", "N.m": "torque", "rad": "twist"}  # that is missing, by its unit
 
 
@@ -85,7 +86,8 @@ class Gain:
 
     Attributes:
         run, signal: Which.
-        nrmse_before, nrmse_after, noise_floor: Root mean square error over the measured range.
+        nrmse_before, nrmse_after, noise_floor: Root mean square error over the measured range; NaN for a channel that
+            stands still, which has none.
         blocks: Logarithm of the ratio of errors after and before in every block of time, by its place in the recording.
     """
 
@@ -101,6 +103,8 @@ class Gain:
            floor: float) -> Gain:
         """From the channel and what was simulated, alike in clock and unit; ``floor`` is its noise in that unit."""
         span, squares = float(np.ptp(measured)), [(measured - simulated) ** 2 for simulated in (before, after)]
+        if span <= _STILL * float(np.abs(measured).max()):
+            span = float("nan")
         errors = (float(np.sqrt(np.mean(square))) / span for square in squares)
         place, blocks = np.floor(clock / BLOCK).astype(int), {}
         for k in np.unique(place):
@@ -108,22 +112,29 @@ class Gain:
             blocks[int(k)] = 0.5 * float(np.log(remains / was))
         return cls(run, signal, *errors, floor / span, blocks)
 
+    @property
+    def has_range(self) -> bool:
+        """Whether there is a range that errors can be compared with."""
+        return not np.isnan(self.noise_floor)
+
 
 def gained(rows: Sequence[Gain], tried: int) -> dict[str, Any]:
     """The part ``gain`` of a finding.
 
     Args:
-        rows: Of every channel of the recordings that were not used.
+        rows: Of every channel of the recordings that were not used; one that stands still is left out.
         tried: How many effects could have been found.
 
     Returns:
         As the contract has it, and ``remains``: what is left of the error, mean over signals and blocks of time, with
-        its 95 % interval where there is one; None for too little time.
+        its 95 % interval where there is one; None for too little time. Without any channel all is empty or None.
     """
+    rows = [row for row in rows if row.has_range]
     left = remaining(_changes(rows), tried)
     return {"held_out": [{"manoeuvre": row.run, "signal": row.signal, "nrmse_before": row.nrmse_before,
                           "nrmse_after": row.nrmse_after, "noise_floor": row.noise_floor} for row in rows],
-            "fraction_of_noise_floor": float(np.median([row.nrmse_after / row.noise_floor for row in rows])),
+            "fraction_of_noise_floor":
+                float(np.median([row.nrmse_after / row.noise_floor for row in rows])) if rows else None,
             "remains": left and {**asdict(left), "tried": tried}}
 
 

@@ -23,7 +23,8 @@ from driveline.quantities import InputError
 
 DURATION = 7.0
 TOP = 0  # for the highest gear there is
-# kind: gears, highest torque [N.m], and corners of the torque as (time [s], share of it; negative: overrun).
+# kind: gears, highest torque [N.m] if the engine gives as much, and corners of the torque as (time [s], share of it;
+# negative: overrun).
 # In the lowest shafts are twisted most, in third and fifth they ring differently, in the highest the air resists.
 _PROFILES = {
     "tip_in": ((2, 3, 5), 220.0, ((1.0, -0.1), (1.1, 1.0))),
@@ -91,7 +92,9 @@ def propose(fitter: Fitter, found: Identification, rivals: Sequence[Fit]) -> Pro
     behind = np.array([found.lead(fit) for fit in fits])
     now, likely = -behind - _log_evidence(evidence, fits), np.exp(-0.5 * signed(behind, found.temper) ** 2)
     best: Proposal | None = None
-    for kind, (gears, torque, corners) in _PROFILES.items():
+    given = _given(predictor.car, _ENGINE_SPEED)
+    for kind, (gears, wanted, corners) in _PROFILES.items():
+        torque = min(wanted, given)
         for gear in _drivable(predictor.car, gears, torque):
             speed = _ENGINE_SPEED * predictor.car.rolling(gear)["engine_speed"]
             run = _candidate(predictor.car, predictor.runs[0], kind, corners, gear, torque, speed)
@@ -188,6 +191,15 @@ def _ways(predictor: Predictor, fits: Sequence[Fit], shared: np.ndarray) -> dict
 def _log_evidence(evidence: Evidence, fits: Sequence[Fit]) -> np.ndarray:
     """Of each supposition."""
     return np.array([evidence.posterior(prior(evidence.layout.coordinates, fit.causes)).log_evidence for fit in fits])
+
+
+def _given(car: FullOrderCar, speed: float) -> float:
+    """The highest torque that can be asked of the engine at a speed [rad/s] of it [N.m].
+
+    Its friction is asked of the air path beside it; what accessories take comes off any torque that is asked for.
+    """
+    v = car.values
+    return v["engine.maximum_torque"] - v["engine.friction_constant"] - v["engine.friction_viscous"] * speed
 
 
 def _drivable(car: FullOrderCar, gears: Iterable[int], torque: float) -> list[int]:

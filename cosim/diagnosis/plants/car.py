@@ -30,6 +30,8 @@ LONGEST = 15.0  # a longer recording is cut [s]: start speed and grade are const
 RUNS = 6  # at most so many stretches of one long recording
 _IMPULSE = 0.1  # N.m.s: a gap in which less may have been lost is no more than the torque wanders by
 _GAPS = 6  # of a run that are estimated; a slow logger has one after the other, and each takes simulations
+_FINE = 0.02  # s: how finely the gear, and whether clutch and brake let it be compared, are looked at in a drive
+_IN_GEAR = 0.04  # by which a ratio may be off its gear's: slip of tyres and clutch; closest gears are 8 % apart
 LOCKED = 8.0  # rad/s: a lock-up clutch that is closed slips less, by its control, through a step of torque too
 
 
@@ -212,7 +214,8 @@ class FullOrderCar(InstrumentedPlant):
         return self.stretches(measurement)[0]
 
     def stretches(self, measurement: Measurement) -> tuple[list[Run], list[Run]]:
-        cut = [self._cut(manoeuvre) for manoeuvre in measurement.manoeuvres]
+        # loggers drift from when they began, and that is when their clocks were set
+        cut = [self._cut(manoeuvre.from_zero()) for manoeuvre in measurement.manoeuvres]
         found, further = ([run for parts in cut for run in parts[k]] for k in (0, 1))
         if not found:
             raise InputError(f"measurement '{measurement.name}': no stretch of at least {SHORTEST:g} s in one forward "
@@ -222,12 +225,12 @@ class FullOrderCar(InstrumentedPlant):
     def _cut(self, manoeuvre: Manoeuvre) -> tuple[list[Run], list[Run]]:
         """Its liveliest stretches and the others, each in order of time."""
         self._driven(manoeuvre)
-        present = [name for name in self.channels if name in manoeuvre]
+        present = _alive(manoeuvre, [name for name in self.channels if name in manoeuvre])
         if not any(name.endswith("speed") for name in present):
             raise InputError(f"manoeuvre '{manoeuvre.name}' has no speed: at least one of "
                              f"{', '.join(self.channels[:5])} is needed")
         start, stop = self._span(manoeuvre)
-        if stop - start <= LONGEST and "gear" not in manoeuvre:
+        if stop - start <= LONGEST and "gear" not in manoeuvre and manoeuvre.kind != "drive":
             run = self._run(manoeuvre, present, manoeuvre.name, start, stop)
             return [run] if run else [], []
         spans = self._spans(manoeuvre, start, stop)
@@ -240,13 +243,20 @@ class FullOrderCar(InstrumentedPlant):
         return chosen, others
 
     def _spans(self, manoeuvre: Manoeuvre, start: float, stop: float) -> list[tuple[float, float]]:
-        """Stretches of constant gear, none longer than ``LONGEST``."""
+        """Stretches of constant gear, none longer than ``LONGEST``.
+
+        What gear a drive was in the speeds tell where nobody else does.
+        """
         edges = [start, stop]
         if "gear" in manoeuvre:
             gear = manoeuvre["gear"]
             change = np.flatnonzero(np.diff(gear.values)) + 1
             inside = (gear.time[change] > start) & (gear.time[change] < stop)
             edges = [start, *gear.time[change][inside].tolist(), stop]
+        elif manoeuvre.kind == "drive" and manoeuvre.gear is None:
+            times = np.arange(start, stop, _FINE)
+            gears = self._gears_at(self._ratio(manoeuvre, times))
+            edges = [start, *times[np.flatnonzero(np.diff(gears)) + 1].tolist(), stop]
         spans = []
         for begin, end in zip(edges, edges[1:]):
             # what a shift shakes up rings down first; the clutches of the next shift begin before its flag
@@ -301,18 +311,28 @@ class FullOrderCar(InstrumentedPlant):
         return behind | (dict.fromkeys(("turbine_speed", "engine_speed"), radius / (final * ratio)) if ratio else {})
 
     def _gear(self, manoeuvre: Manoeuvre, start: float, stop: float) -> int:
-        """The gear whose ratio the measured speeds have."""
-        times = np.linspace(start, stop, 200)
+        """The gear whose ratio the measured speeds have; 0 in a drive where they have none."""
+        ratio = float(np.median(self._ratio(manoeuvre, np.linspace(start, stop, 200))))
+        best = int(self._gears_at(np.array([ratio]))[0]) if manoeuvre.kind == "drive" else self.gear_of(ratio)
+        log.info("%s: the speeds say gear %d", manoeuvre.name, best)
+        return best
+
+    def _gears_at(self, ratios: np.ndarray) -> np.ndarray:
+        """The gear of every one of some ratios; 0 where it is none, as in a shift or with an open converter."""
+        gears = np.array(sorted(self.gears))
+        known = np.log([self.values["final_drive.ratio"] * self.gears[gear] for gear in gears])
+        off = np.abs(np.log(np.maximum(ratios, 1e-3))[:, None] - known)
+        return np.where(off.min(axis=1) < _IN_GEAR, gears[off.argmin(axis=1)], 0)
+
+    def _ratio(self, manoeuvre: Manoeuvre, times: np.ndarray) -> np.ndarray:
+        """How many times as fast as the wheels the turbine turns, or the engine where nobody recorded it."""
         over = next((name for name in ("turbine_speed", "engine_speed") if name in manoeuvre), None)
         if over is None or not ("wheel_speed" in manoeuvre or "vehicle_speed" in manoeuvre):
             raise InputError(f"manoeuvre '{manoeuvre.name}': neither a gear nor the speeds that show it; write "
                              "gear = N in its [[manoeuvre]]")
         wheel = (manoeuvre["wheel_speed"].at(times) if "wheel_speed" in manoeuvre
                  else manoeuvre["vehicle_speed"].at(times) / self.values["tyre.radius"])
-        ratio = float(np.median(manoeuvre[over].at(times) / np.maximum(wheel, 0.1)))
-        best = self.gear_of(ratio)
-        log.info("%s: the speeds say gear %d", manoeuvre.name, best)
-        return best
+        return manoeuvre[over].at(times) / np.maximum(wheel, 0.1)
 
     def _start_speed(self, manoeuvre: Manoeuvre, gear: int, start: float) -> float:
         """Vehicle speed at the start from the first second of the best channel there is [m/s]."""
@@ -345,6 +365,14 @@ def _anchors(manoeuvre: Manoeuvre) -> dict[str, CubicSpline]:
     return {name: CubicSpline(manoeuvre[name].time, manoeuvre[name].values) for name in ANCHORS if name in manoeuvre}
 
 
+def _alive(manoeuvre: Manoeuvre, names: Sequence[str]) -> list[str]:
+    """The channels that change at all: a sensor that always reads the same was not there."""
+    dead = [name for name in names if np.ptp(manoeuvre[name].values) == 0.0]
+    for name in dead:
+        log.warning("%s: %s always reads %g, so it is left out", manoeuvre.name, name, manoeuvre[name].values[0])
+    return [name for name in names if name not in dead]
+
+
 def _coupled(manoeuvre: Manoeuvre, begin: float, end: float) -> list[tuple[float, float]]:
     """Parts of a drive with the lock-up clutch closed and the brakes released, as far as that was recorded.
 
@@ -353,7 +381,7 @@ def _coupled(manoeuvre: Manoeuvre, begin: float, end: float) -> list[tuple[float
     """
     if manoeuvre.kind != "drive":
         return [(begin, end)]
-    times = np.arange(begin, end, 0.02)
+    times = np.arange(begin, end, _FINE)
     good = np.ones(times.size, dtype=bool)
     if "engine_speed" in manoeuvre and "turbine_speed" in manoeuvre:
         good &= np.abs(manoeuvre["engine_speed"].at(times) - manoeuvre["turbine_speed"].at(times)) < LOCKED

@@ -21,6 +21,11 @@ def hats(run: Run) -> np.ndarray:
     return run.start + EVERY * np.arange(1, int(len(run.inputs) * STEP / EVERY))
 
 
+def lasting(run: Run, memory: float) -> float:
+    """How long [s] a run remembers a hat that it forgets in ``memory`` where the speed of the whole car leads it."""
+    return memory if "vehicle_speed" in run.anchors else len(run.inputs) * STEP
+
+
 def teeth(memory: float) -> int:
     """From one hat to the next that shares its simulation; and how many simulations all hats take."""
     return round(memory / EVERY)

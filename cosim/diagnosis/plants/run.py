@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -78,6 +78,11 @@ class Run:
     def free(self) -> Run:
         """The same run, led by nothing that was measured but its inputs."""
         return replace(self, anchors={})
+
+    def only(self, channels: Container[str]) -> Run:
+        """The same run, compared by no other channels than these."""
+        clocks, measured = ({name: of[name] for name in of if name in channels} for of in (self.clocks, self.measured))
+        return replace(self, clocks=clocks, measured=measured)
 
     @property
     def unknown_road(self) -> bool:

@@ -87,6 +87,7 @@ class _Row:
     simulated: float
     healthy: np.ndarray
     scale: float = 0.0
+    freedom: float = 0.0  # degrees of it that the scale has
     p: float = 1.0
 
     @property
@@ -99,8 +100,17 @@ class _Row:
         return self.measured - float(np.mean(self.healthy))
 
 
-def wrong(runs: Sequence[Run], nominal: Sequence[np.ndarray],
-          healthy: Sequence[Sequence[np.ndarray]]) -> list[Wrong]:
+def repeatable(run: Run) -> tuple[str, int, bool] | None:
+    """What repeats of a run have in common with it: the kind of manoeuvre, the gear and the way; None: it has none.
+
+    Where the kind is not written nobody knows what was driven, and every stretch of a drive is another road. What the
+    road's slope does in one direction it does the other way round in the other.
+    """
+    return (run.kind, run.gear, run.back) if run.kind not in ("", "drive") else None
+
+
+def wrong(runs: Sequence[Run], nominal: Sequence[np.ndarray], healthy: Sequence[Sequence[np.ndarray]],
+          firing_order: float = Reader.firing_order) -> list[Wrong]:
     """Every feature in which recordings differ from the vehicle file by more than a healthy car would.
 
     Args:
@@ -109,12 +119,13 @@ def wrong(runs: Sequence[Run], nominal: Sequence[np.ndarray],
         healthy: Per run, many (some 30) stacked channels as a healthy car would have shown them: numbers
             within tolerance, torque estimate, slope, sensor noise and resolution drawn. The k-th of every
             run is the same car.
+        firing_order: Firings of the engine per revolution of its crankshaft.
 
     Returns:
         What tells most first: one entry of each feature, then the others; each feature of a signal once,
         where it is clearest.
     """
-    readers = [Reader(run, simulated) for run, simulated in zip(runs, nominal)]
+    readers = [Reader(run, simulated, firing_order) for run, simulated in zip(runs, nominal)]
     rows: dict[Key, list[_Row]] = defaultdict(list)
     for r, reader in enumerate(readers):
         for row in _rows(r, reader, nominal[r], healthy[r]):
@@ -123,7 +134,7 @@ def wrong(runs: Sequence[Run], nominal: Sequence[np.ndarray],
     tests = []
     for key, found in rows.items():
         for row in found:
-            _judge(row, *scatter.get((runs[row.run].kind, runs[row.run].gear, key), (0.0, 0)))
+            _judge(row, *scatter.get((repeatable(runs[row.run]), key), (0.0, 0)))
         tests += [(row.p, key) for row in found] + [(p, key) for p in _together(found)]
     surest: dict[Key, float] = {}
     corrected = 0.0
@@ -159,25 +170,25 @@ def _rows(r: int, reader: Reader, nominal: np.ndarray, healthy: Sequence[np.ndar
 
 
 def _repeats(runs: Sequence[Run], rows: Mapping[Key, Sequence[_Row]]) -> dict[tuple, tuple[float, int]]:
-    """By kind, gear and feature: standard deviation of the recording less the simulation over repeats, and
-    its degrees of freedom."""
+    """By what repeats have in common and feature: standard deviation of the recording less the simulation over them,
+    and its degrees of freedom."""
     groups: dict[tuple, list[float]] = defaultdict(list)
     for row in itertools.chain(*rows.values()):
-        run = runs[row.run]
-        groups[(run.kind, run.gear, row.key)].append(row.measured - row.simulated)
+        if common := repeatable(runs[row.run]):
+            groups[(common, row.key)].append(row.measured - row.simulated)
     return {key: (float(np.std(values, ddof=1)), len(values) - 1)
             for key, values in groups.items() if len(values) > 1}
 
 
 def _judge(row: _Row, repeated: float, freedom: int) -> None:
-    """Scale and p-value: of one more draw from the same distribution, by Student's t."""
-    count = row.healthy.size
-    scale = float(np.std(row.healthy, ddof=1))
-    if freedom and scale > 0.0 and f.sf((repeated / scale) ** 2, freedom, count - 1) < _REPEATED:
-        scale = repeated
+    """Scale and p-value: of one more draw from the same distribution, by Student's t with the scale's freedom."""
+    scale, own = float(np.std(row.healthy, ddof=1)), row.healthy.size - 1
+    if freedom and scale > 0.0 and f.sf((repeated / scale) ** 2, freedom, own) < _REPEATED:
+        scale, own = repeated, freedom
     size = 1.0 if row.kind.log else abs(float(np.mean(row.healthy)))
     row.scale = float(np.hypot(scale, row.kind.tolerance * size))
-    row.p = _student(row.excess / row.scale, row.healthy, row.kind.one_sided)
+    row.freedom = own * (row.scale / scale) ** 4  # Welch and Satterthwaite: the tolerance is known
+    row.p = _student(row.excess / row.scale, row.healthy, row.freedom, row.kind.one_sided)
 
 
 def _together(rows: Sequence[_Row]) -> list[float]:
@@ -194,16 +205,20 @@ def _together(rows: Sequence[_Row]) -> list[float]:
         excess = sum(s * row.excess / row.scale for s, row in zip(sign, rows))
         drawn = sum(s * (row.healthy[:count] - np.mean(row.healthy)) / row.scale for s, row in zip(sign, rows))
         # as much larger as repeats and honest models differ by more than draws
-        wider = np.sqrt(np.mean([(row.scale / np.std(row.healthy, ddof=1)) ** 2 for row in rows]))
-        found.append(_student(excess / (wider * float(np.std(drawn, ddof=1))), drawn, rows[0].kind.one_sided))
+        shares = np.array([(row.scale / np.std(row.healthy, ddof=1)) ** 2 for row in rows])
+        wider = np.sqrt(np.mean(shares))
+        # Satterthwaite's, of scales that err together: those of repeats are one and the same
+        freedom = float(np.average([row.freedom ** -0.5 for row in rows], weights=shares)) ** -2
+        found.append(_student(excess / (wider * float(np.std(drawn, ddof=1))), drawn, freedom, rows[0].kind.one_sided))
     return found
 
 
-def _student(score: float, drawn: np.ndarray, one_sided: bool) -> float:
-    """P-value of one more value, ``score`` standard deviations from the mean of those drawn."""
+def _student(score: float, drawn: np.ndarray, freedom: float, one_sided: bool) -> float:
+    """P-value of one more value, ``score`` standard deviations, of so many degrees of freedom, from the mean of those
+    drawn."""
     # draws with heavy tails: the Student distribution that has their kurtosis
     tails = float(kurtosis(drawn, bias=False))
-    degrees = min(drawn.size - 1, 4.0 + 6.0 / tails) if tails > 0.0 else drawn.size - 1
+    degrees = min(freedom, drawn.size - 1, 4.0 + 6.0 / tails if tails > 0.0 else np.inf)
     score /= np.sqrt(1.0 + 1.0 / drawn.size)
     return float(t.sf(score, degrees)) if one_sided else 2.0 * float(t.sf(abs(score), degrees))
 
@@ -232,11 +247,11 @@ def _wrong(rows: Sequence[_Row], p: float, readers: Sequence[Reader], nominal: S
     run, (signal, feature), kind = reader.run, row.key, row.kind
     invert = np.exp if kind.log else lambda x: x
     measured, simulated = float(invert(row.measured)), float(invert(row.simulated))
-    reach = float(t.ppf(0.95, row.healthy.size - 1)) * row.scale
+    reach = float(t.ppf(0.95, row.freedom)) * row.scale
     ends = [float(invert(row.measured + side * reach)) for side in (-1.0, 1.0)]
     own = kind.one_sided
     low, high = ends if own else (simulated - ends[1], simulated - ends[0])
-    repeated, freedom = scatter.get((run.kind, run.gear, row.key), (0.0, 0))
+    repeated, freedom = scatter.get((repeatable(run), row.key), (0.0, 0))
     floor = repeated * (measured if kind.log else 1.0) if freedom else _bootstrap(reader, row.key)
     residual = run.stacked - nominal[row.run]
     whiteness, effective = coloured(residual[run.slices[signal.split(" over ")[0]]])

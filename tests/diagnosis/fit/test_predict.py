@@ -1,10 +1,13 @@
 """Predictions and their sensitivities."""
 
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from floors import FLOORS
 
 from cosim.diagnosis.fit.predict import WANDERS, Predictor, coordinates
+from cosim.diagnosis.plants.hats import hats
 
 
 def test_zero_is_the_vehicle_file_and_every_coordinate_moves_something(car_and_run):
@@ -78,8 +81,12 @@ def test_a_swing_has_the_amplitude_of_its_components(car_and_run):
     assert values["torque_ripple.phase"] == pytest.approx(np.arctan2(4.0, 3.0))
 
 
-def test_the_slopes_of_a_row_of_hats_are_those_of_each(car_and_run):
+@pytest.mark.parametrize("missing", [(), ("vehicle_speed",), ("vehicle_speed", "engine_speed")])
+def test_the_slopes_of_a_row_of_hats_are_those_of_each(car_and_run, missing):
+    """What leads forgets a hat; where the speed of the whole car is missing nothing does, and none shares a run."""
     car, run = car_and_run
+    run = replace(run.only({*run.clocks} - {*missing}),
+                  anchors={name: shown for name, shown in run.anchors.items() if name not in missing})
     declared = coordinates(car, [run])
     zero = np.zeros(len(declared))
     places = [i for i, c in enumerate(declared) if c.name == WANDERS]
@@ -89,4 +96,8 @@ def test_the_slopes_of_a_row_of_hats_are_those_of_each(car_and_run):
         one = zero.copy()
         one[places[40]] = 1.0
         alone = predictor.predict(one, 0) - base
-    assert np.abs(slopes[:, 40] - alone).max() < 0.1 * np.abs(alone).max()
+    scale = run.stack(FLOORS)
+    assert np.abs((slopes[:, 40] - alone) / scale).max() < 0.1 * np.abs(alone / scale).max()
+    late = np.concatenate([clock > hats(run)[40] + 2.0 for clock in run.clocks.values()])
+    left = np.sum(((slopes[:, 40] - alone) / scale)[late] ** 2)
+    assert left < (1e-2 if missing else 0.2) * np.sum((alone / scale) ** 2)

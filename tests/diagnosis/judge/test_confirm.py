@@ -1,5 +1,7 @@
 """Causes judged on stretches of a drive that were left out."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from drives import FLOORS, MASS, SLIP, driven
@@ -60,3 +62,14 @@ def test_where_nothing_is_confirmed_nothing_is_found(car):
     judged, [verdict] = Jury(Predictor(car, [run], declared), further, FLOORS).judged(
         Identification(fits[0], fits, fits[-1], None, [], {}), lambda causes: pytest.fail("none of these"))
     assert judged.best.causes == () and not verdict.confirmed and verdict.share > 1.0
+
+
+def test_the_same_causes_in_another_size_are_judged_anew(car):
+    """As large as they are beside others that imitate them, and as large as they are alone."""
+    random = np.random.default_rng(4)
+    run, *further = (driven(car, random, number, (SLIP,)) for number in range(3))
+    declared = coordinates(car, [run])
+    right = supposed(declared, (SLIP,), 0.0)
+    small = replace(right, shared=0.2 * right.shared)
+    jury = Jury(Predictor(car, [run], declared), further, FLOORS)
+    assert np.all(jury._errors(small) > 1.2 * jury._errors(right))

@@ -118,3 +118,12 @@ def test_errors_of_nothing_are_numbers_still():
     rows = [Gain.of("tip_in", name, CLOCK, flat, flat + before, flat + after, 0.1)
             for name, before, after in (("a", 1.0, 1.0), ("b", 0.0, 0.0), ("c", 1.0, 0.0))]
     assert json.dumps(gained(rows, 30), allow_nan=False)
+
+
+def test_a_channel_that_stands_still_has_no_range_to_be_compared_with():
+    still = np.full(CLOCK.size, 0.1)
+    for course in (still, 0.0 * still, still + 1e-17 * np.sin(CLOCK)):
+        unchanged = Gain.of("tip_in", "wheel_speed", CLOCK, course, course + 0.2, course + 0.1, 0.1)
+        assert gained([row(), unchanged], 30) == gained([row()], 30)
+        nothing = gained([unchanged], 30)
+        assert nothing == {"held_out": [], "fraction_of_noise_floor": None, "remains": None}

@@ -153,6 +153,21 @@ def test_two_stages_are_told_from_soft_shafts_only_where_they_are_twisted_beyond
     assert behind[3][2] > APART > behind[6][2] >= behind[10][2]
 
 
+def test_no_more_is_proposed_than_the_engine_gives(healthy, monkeypatch):
+    car = healthy[0].predictor.car
+    monkeypatch.setitem(car.values, "engine.maximum_torque", 140.0)
+    found = propose(healthy, supposed(healthy, "vehicle_mass", 0.1), [healthy[1]], monkeypatch)
+    assert found.torque == pytest.approx(140.0 - 30.0 - 0.08 * 150.0)
+    assert proposal.words(found, healthy[1]).startswith("to 98 N.m from")
+    example = healthy[0].predictor.runs[0]
+    highest = []
+    for torque in (0.8 * found.torque, found.torque, 2.0 * found.torque):
+        run = proposal._candidate(car, example, "tip_in", ((0.0, -0.1), (0.5, 1.0)), 10, torque, found.speed)
+        raw = car.raw(car.values, replace(run, start_speed=150.0 * car.rolling(10)["engine_speed"]))
+        highest.append(raw["crankshaft_torque"].max())
+    assert highest[0] < highest[1] - 10.0 and highest[2] == pytest.approx(highest[1], abs=1.0)
+
+
 @pytest.mark.parametrize(("grip", "top", "expected"), [
     (1.0, 10, [3, 5, 10]), (3.0, 10, [2, 3, 5, 10]), (1.0, 4, [3, 4])])
 def test_candidates_are_driven_in_gears_there_are_and_that_tyres_carry(healthy, grip, top, expected):

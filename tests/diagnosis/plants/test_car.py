@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 
 from cosim.diagnosis.plants import STEP, FullOrderCar, Nuisance
 from cosim.diagnosis.plants.car import CHANNELS, led_by
-from cosim.measured import Channel
+from cosim.measured import CANONICAL, Channel, Manoeuvre, Measurement
 from driveline.plants.full_order import FullOrderPlant
 from driveline.quantities import InputError
 
@@ -149,3 +149,75 @@ def test_a_led_driveline_forgets_a_torque(car_and_run):
         change = np.abs(car.raw(car.values, one, Nuisance(), kick)["vehicle_speed"]
                         - car.raw(car.values, one)["vehicle_speed"])
         assert (change[-500:].max() < 0.3 * change.max()) == forgets
+
+
+def a_drive(car, gears, *, gear=None, **more):
+    """Of channels that say nothing but speeds in a row of gears, 7 s each."""
+    time = np.arange(0.0, 7.0 * len(gears), 0.01)
+    ratio = np.array([car.gears[gears[int(t // 7.0)]] for t in time]) * car.values["final_drive.ratio"]
+    wheel = 60.0 + np.sin(time)
+    shown = {"engine_torque": 100.0 + 20.0 * np.sin(3.0 * time), "engine_speed": ratio * wheel,
+             "turbine_speed": ratio * wheel, "wheel_speed": wheel, **{name: of(time) for name, of in more.items()}}
+    channels = {name: Channel(name, CANONICAL[name].unit, time, values, name) for name, values in shown.items()}
+    return Measurement("m", car.vehicle, None, (Manoeuvre("drive", "drive", gear, channels),))
+
+
+def test_a_drive_without_a_gear_channel_is_cut_where_its_speeds_change_gear():
+    car = FullOrderCar("suv_6l80")
+    found, further = car.stretches(a_drive(car, (4, 5, 4, 6)))
+    assert not further
+    assert [run.gear for run in found] == [4, 5, 4, 6]
+    for i, run in enumerate(found):
+        assert 7.0 * i <= run.start < run.time[-1] <= 7.0 * (i + 1)
+
+
+def test_a_short_drive_is_compared_where_clutch_and_brake_let_it_be():
+    car = FullOrderCar("suv_6l80")
+    braked = a_drive(car, (4,), gear=4, brake_torque=lambda t: np.where(t > 4.0, 2000.0, 0.0))
+    [run] = car.runs(braked)
+    assert run.time[-1] < 4.0
+
+
+def test_where_the_speeds_have_no_gears_ratio_a_drive_is_not_compared():
+    car = FullOrderCar("suv_6l80")
+    between = 1.1 * car.gears[4] * car.values["final_drive.ratio"]
+    odd = a_drive(car, (4,), turbine_speed=lambda t: between * (60.0 + np.sin(t)))
+    with pytest.raises(InputError, match="no stretch"):
+        car.runs(odd)
+
+
+def test_a_sensor_that_always_reads_the_same_is_left_out(caplog):
+    car = FullOrderCar("suv_6l80")
+    [run] = car.runs(a_drive(car, (4,), seat_acceleration=np.zeros_like))
+    assert "seat_acceleration" not in run.clocks and "wheel_speed" in run.clocks
+    assert "seat_acceleration always reads 0" in caplog.text
+
+
+def test_a_run_can_be_compared_by_some_channels_only(car_and_run):
+    _, run = car_and_run
+    some = run.only({"engine_speed", "odd"})
+    assert list(some.clocks) == list(some.measured) == ["engine_speed"]
+    assert np.array_equal(some.stacked, run.measured["engine_speed"])
+
+
+@pytest.mark.parametrize(("zero", "cut"), [(40000.0, 0.0), (300.0, 0.0), (0.0, 1.5), (-7.0, 1.5)])
+def test_a_logger_drifts_from_when_it_began_whatever_its_clock_says(measurement, car_and_run, zero, cut):
+    car, run = car_and_run
+    [manoeuvre] = measurement.manoeuvres
+    later = {name: replace(channel, time=channel.time + zero) for name, channel in manoeuvre.channels.items()}
+    if cut:
+        later = {name: replace(c, time=c.time[c.time >= zero + cut], values=c.values[c.time >= zero + cut])
+                 for name, c in later.items()}
+    moved = replace(manoeuvre, channels=later, begun=manoeuvre.begun + zero)
+    [other] = car.runs(replace(measurement, manoeuvres=(moved,)))
+    shown = {}
+    for drift in (0.0, 0.01):
+        values = {**car.values, "observe.propeller_shaft_torque.clock_drift": drift}
+        shown[drift] = [car.instruments(car.raw(values, r), values, r)[r.slices["propeller_shaft_torque"]]
+                        for r in (run, other)]
+    clocks = [r.clocks["propeller_shaft_torque"] for r in (run, other)]
+    assert other.start == pytest.approx(run.start + cut, abs=0.02)
+    moves = [np.interp(np.arange(3.0, 6.0, 0.004), clock, after - before)
+             for clock, before, after in zip(clocks, shown[0.0], shown[0.01])]
+    assert np.abs(moves[0]).max() > 1.0
+    assert moves[1] == pytest.approx(moves[0], abs=0.2 * np.abs(moves[0]).max() if cut else 1e-3)

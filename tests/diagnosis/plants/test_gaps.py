@@ -109,7 +109,7 @@ def test_that_frames_are_lost_where_it_matters_is_told(recording):
     told = []
     for begin, end in ((corner - 0.05, corner + 0.05), (corner + 3.0, corner + 3.1)):
         car, run = without(measurement, begin, end)
-        told.append(" ".join(_notices(car, [run], [])))
+        told.append(" ".join(_notices(measurement, car, [run], [])))
     assert "frames of the torque are lost for up to 1" in told[0] and "frames" not in told[1]
 
 

@@ -1,13 +1,16 @@
 """What is wrong is told, and nothing else is: on made-up recordings with known answers, and on hidden ones."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
 from cosim.diagnosis.catalogue import CATALOGUE
+from cosim.diagnosis.gain.extend import read_off
 from cosim.diagnosis.hidden import hide
 from cosim.diagnosis.plants import STEP, FullOrderCar, Nuisance, Run
-from cosim.diagnosis.show.residuals import SIGNIFICANT, coloured, wrong
+from cosim.diagnosis.show.residuals import SIGNIFICANT, _judge, _Row, coloured, wrong
 from cosim.measured import load
 
 CLOCKS = {"propeller_shaft_torque": np.arange(0.3, 6.9, 0.01), "wheel_speed": np.arange(0.3, 6.9, 0.02)}
@@ -99,18 +102,62 @@ def test_bounds_hold_the_true_difference_as_often_as_they_say():
 
 
 def test_repeats_that_scatter_more_than_healthy_draws_widen_the_bounds():
-    """Two tip-ins whose frequencies differ by 10 %: the draws, at 1 %, are not believed."""
+    """Tip-ins whose frequencies differ by 10 %: the draws, at 1 %, are not believed, and two tell nothing then."""
     random = np.random.default_rng(3)
-    healthy = [[driveline(random) for _ in range(DRAWS)] for _ in range(2)]
+    healthy = [[driveline(random) for _ in range(DRAWS)] for _ in range(6)]
 
-    def widest(frequencies):
+    def widest(*frequencies):
         runs = [recording(driveline(random, frequency=f, scatter=0.0), str(f)) for f in frequencies]
-        entry = next(e for e in wrong(runs, [NOMINAL] * 2, healthy) if e.feature == "shuffle frequency")
-        return entry.high90 - entry.low90, entry.noise_floor
+        listed = wrong(runs, [NOMINAL] * len(runs), healthy[:len(runs)])
+        return [(e.high90 - e.low90, e.noise_floor) for e in listed if e.feature == "shuffle frequency"]
 
-    (same, quiet), (other, loud) = widest((4.5, 4.51)), widest((4.2, 4.8))
-    assert other > 2.0 * same
+    [(same, quiet)], [(other, loud)] = widest(4.0, 4.01), widest(3.8, 4.2, 3.85, 4.15, 3.75, 4.25)
+    assert other > 3.0 * same
     assert loud > 10.0 * quiet
+    assert widest(3.8, 4.2) == []
+
+
+def test_a_scale_from_two_repeats_is_believed_as_far_as_two_go():
+    """Nothing is wrong, but from run to run features scatter 20 times as much as the draws say."""
+    random, chances = np.random.default_rng(8), []
+    for _ in range(600):
+        shown = 20.0 * random.standard_normal(2)
+        row = _Row(0, ("engine_speed", "lag"), float(shown[0]), 0.0, random.standard_normal(DRAWS))
+        _judge(row, float(np.std(shown, ddof=1)), 1)
+        chances += [row.p] * (row.freedom == 1.0)
+    assert len(chances) > 500 and np.mean(np.array(chances) < 0.01) < 0.02
+
+
+@pytest.mark.parametrize(("kind", "back", "wrongly"), [
+    ("tip_in", True, True), ("tip_in", False, False), ("", False, True), ("drive", False, True)])
+def test_the_way_back_other_roads_and_what_nobody_named_are_no_repeats(kind, back, wrongly):
+    """A slope, once uphill and once downhill, is scatter only of what was driven the same way twice."""
+    random = np.random.default_rng(9)
+    healthy = [[driveline(random) for _ in range(DRAWS)] for _ in range(2)]
+    runs = []
+    for slope, way in ((0.3, False), (-0.3, back)):
+        shown = driveline(random, scatter=0.0)
+        shown[660:] -= slope * CLOCKS["wheel_speed"]
+        runs.append(replace(recording(shown), kind=kind, back=way))
+    assert ("drift" in {entry.feature for entry in wrong(runs, [NOMINAL] * 2, healthy)}) is wrongly
+
+
+def test_ripple_is_told_at_the_order_at_which_the_engine_fires():
+    random, clock = np.random.default_rng(10), np.arange(0.3, 6.9, 0.002)
+    key, clocks = ("engine_speed", "firing order content"), {"engine_speed": clock}
+
+    def shown(amplitude):
+        angle = 150.0 * clock + 2.0 * clock**2
+        return 150.0 + 4.0 * clock + amplitude * np.sin(4.0 * angle) + random.normal(0.0, 0.1, clock.size)
+
+    measured, nominal = shown(1.0), 150.0 + 4.0 * clock
+    run = replace(recording(NOMINAL), clocks=clocks, measured={"engine_speed": measured})
+    healthy = [[shown(0.0) for _ in range(DRAWS)]]
+    for order, there in ((4.0, True), (3.0, False)):
+        told = [(entry.signal, entry.feature) for entry in wrong([run], [nominal], healthy, order)]
+        assert (key in told) is there
+    [row] = read_off(run, nominal, measured, [key], 4.0)
+    assert row["measured"] == row["after"] == pytest.approx(1.0, rel=0.05) and row["before"] < 0.01
 
 
 def test_noise_floor_of_a_recording_without_repeats_is_its_noise():
