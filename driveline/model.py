@@ -135,6 +135,11 @@ class Model:
         return float(self.values[self.index[name]])
 
     def __setitem__(self, name: str, value: float) -> None:
+        """Set a variable; a fixed parameter counts from the next ``initialize`` on.
+
+        Raises:
+            InputError: It is not possible.
+        """
         variable = self.variables[self.index[name]]
         variable.check(float(value))
         self.values[self.index[name]] = value
