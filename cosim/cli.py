@@ -23,6 +23,9 @@ from driveline.quantities import InputError
 
 log = logging.getLogger("cosim")
 LISTS = ("fmus", "scenarios", "studies", "vehicles", "effects")
+_RESULT = ("result.csv", "result.json", "result.parquet")  # what a run writes
+_PARTIAL = ("result_partial.csv", "result_partial.json", "result_partial.parquet")  # one that did not reach its stop
+_SHOWN = ("signals.png", "comparison.json", "comparison.png")  # what is shown of a result
 _DIAGNOSED = ("finding.json", "report.html", "extended.toml", "*_extended.fmu")  # what a diagnosis writes
 _OK, _FAILED, _WRONG_INPUT, _INTERRUPTED = 0, 1, 2, 130
 
@@ -195,37 +198,44 @@ def _run(options: argparse.Namespace) -> tuple[Any, str]:
                 f"--set {entry}: FMU.PARAMETER=VALUE is needed, for example plant.vehicle.mass=2500")
         overrides[name] = value
     scenario = Scenario.load(options.scenario, overrides, options.measurement, options.twins)
-    out = _writable(options.out or Path("out") / scenario.name)
-    began = time.perf_counter()
-    try:
-        with _progress(scenario.title, scenario.start, scenario.stop) as progress:
-            result = scenario.run(progress)
-    except (Interrupted, SimulationError) as error:
-        if error.result is None or error.result.time.size == 0:
-            raise
-        error.result.to_csv(out / "result_partial.csv")
-        error.result.to_parquet(out / "result_partial.parquet")
-        where = f"{error}; what was recorded until then is in {out / 'result_partial.csv'}"
-        raise (KeyboardInterrupt if isinstance(error, Interrupted) else SimulationError)(where) from error
-    seconds = time.perf_counter() - began
-    return _report(scenario, result, out, seconds)
+    out = options.out or Path("out") / scenario.name
+    with _not_left_empty(out):
+        began = time.perf_counter()
+        try:
+            with _progress(scenario.title, scenario.start, scenario.stop) as progress:
+                result = scenario.run(progress)
+        except (Interrupted, SimulationError) as error:
+            if error.result is None or error.result.time.size == 0:
+                raise
+            _save(error.result, out, _PARTIAL)
+            where = f"{error}; what was recorded until then is in {out / _PARTIAL[0]}"
+            raise (KeyboardInterrupt if isinstance(error, Interrupted) else SimulationError)(where) from error
+        seconds = time.perf_counter() - began
+        _save(result, out, _RESULT)
+        return _report(scenario, result, out, seconds)
+
+
+def _save(result: Any, out: Path, names: tuple[str, str, str]) -> None:
+    """Write a result; what an earlier run wrote there goes, as it would be taken for something of this one."""
+    csv, _, parquet = names
+    result.to_csv(out / csv)
+    result.to_parquet(out / parquet)
+    for old in {*_RESULT, *_PARTIAL, *_SHOWN}.difference(names):
+        (out / old).unlink(missing_ok=True)
 
 
 def _report(scenario: Any, result: Any, out: Path, seconds: float) -> tuple[Any, str]:
-    """Write results and pictures; the answer and its text."""
+    """Compare and draw beside the result; the answer and its text."""
     from cosim.files import write_text
     from cosim.report import plot_comparison, plot_signals
 
     comparisons = scenario.compare(result)
-    result.to_csv(out / "result.csv")
-    result.to_parquet(out / "result.parquet")
-    plot_signals(result, out / "signals.png", title=scenario.title)
-    names = ["result.csv", "result.json", "result.parquet", "signals.png"]
     rows = [comparison.as_row() for comparison in comparisons]
+    plot_signals(result, out / "signals.png", title=scenario.title)
     if comparisons:
         write_text(out / "comparison.json", json.dumps(rows, indent=2) + "\n")
         plot_comparison(comparisons, out / "comparison.png", scenario.title)
-        names += ["comparison.json", "comparison.png"]
+    names = [name for name in (*_RESULT, *_SHOWN) if (out / name).exists()]
     simulated = float(result.time[-1] - result.time[0])
     answer = {"scenario": scenario.name, "complete": result.complete, "simulated_seconds": simulated,
               "run_seconds": seconds, "notices": result.provenance["notices"], "comparison": rows,
@@ -252,10 +262,10 @@ def _study(options: argparse.Namespace) -> tuple[Any, str]:
 
     if options.name not in studies.STUDIES:
         studies.summary(options.name)  # says which there are, before a folder is made
-    out = _writable(options.out or Path("out") / options.name)
+    out = options.out or Path("out") / options.name
     given = {key: value for key in ("workers", "cluster", "measurement")
              if (value := getattr(options, key)) is not None}
-    with _progress(options.name, 0.0, 1.0) as progress:
+    with _not_left_empty(out), _progress(options.name, 0.0, 1.0) as progress:
         answer = studies.run(options.name, out, progress, **given)
     lines = [f"{answer['study']}: {answer['source']}",
              f"{'quantity':48} {'unit':8} {'paper':>10} {'here':>10} {'deviation':>10}  note"]
@@ -320,7 +330,8 @@ def _hide(options: argparse.Namespace) -> tuple[Any, str]:
     from cosim.diagnosis.hidden import hide
 
     out = options.out or Path("out/hidden")
-    truth = options.truth or out.with_name(out.name + ".truth.json")
+    named = out if out.name not in ("", "..") else out.resolve()  # the folder we are in has no name as it is written
+    truth = options.truth or named.parent / f"{named.name}.truth.json"
     began = time.perf_counter()
     try:
         with _progress("hide", 0.0, 1.0) as progress:
@@ -353,6 +364,19 @@ def _writable(folder: Path) -> Path:
     if not os.access(folder, os.W_OK):
         raise InputError(f"--out {folder}: it cannot be written to")
     return folder
+
+
+@contextlib.contextmanager
+def _not_left_empty(out: Path) -> Iterator[None]:
+    """The folder is made if need be, and those that were made go again when nothing was written to them."""
+    made = [folder for folder in (out, *out.parents) if not folder.exists()]
+    try:
+        _writable(out)
+        yield
+    finally:
+        with contextlib.suppress(OSError):  # not empty
+            for folder in made:
+                folder.rmdir()
 
 
 @contextlib.contextmanager

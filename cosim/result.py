@@ -18,6 +18,16 @@ from driveline.quantities import InputError
 _METADATA = "driveline-cosim"
 
 
+def check_signal_name(name: str) -> None:
+    """Refuse the name of a signal that a file of results could not tell from its time axis.
+
+    Raises:
+        InputError: The name is ``time``.
+    """
+    if name == "time":
+        raise InputError("a signal cannot be called 'time', as the instants of a result are: give it another name")
+
+
 @dataclass(frozen=True)
 class Result:
     """Recorded signals, all at the same instants.
@@ -29,6 +39,9 @@ class Result:
         provenance: What it takes to run this again: versions, FMUs with GUID and hash, parameters,
             scenario and its hash, and what the master had to say.
         complete: False where the run ended before its stop time.
+
+    Raises:
+        InputError: A signal is called ``time``, as is the column of the instants.
     """
 
     time: np.ndarray
@@ -36,6 +49,10 @@ class Result:
     units: Mapping[str, str]
     provenance: Mapping[str, Any] = field(default_factory=dict)
     complete: bool = True
+
+    def __post_init__(self) -> None:
+        for name in self.signals:
+            check_signal_name(name)
 
     @property
     def names(self) -> list[str]:
@@ -55,16 +72,17 @@ class Result:
 
         The numbers have as many digits as it takes to get the same doubles back.
         """
-        path = Path(path)
+        path, metadata = Path(path), self._metadata(indent=2)
         headers = {name: f"{name} [{unit}]" for name, unit in {"time": "s", **self.units}.items()}
         with replacing(path) as temporary:
             self._frame(headers).write_csv(temporary)
-        write_text(path.with_suffix(".json"), json.dumps(self._metadata(), indent=2) + "\n")
+        write_text(path.with_suffix(".json"), metadata + "\n")
 
     def to_parquet(self, path: str | Path) -> None:
         """Write one Parquet file with units and provenance in its metadata."""
+        metadata = {_METADATA: self._metadata()}
         with replacing(Path(path)) as temporary:
-            self._frame({}).write_parquet(temporary, metadata={_METADATA: json.dumps(self._metadata())})
+            self._frame({}).write_parquet(temporary, metadata=metadata)
 
     @classmethod
     def read(cls, path: str | Path) -> Result:
@@ -78,11 +96,12 @@ class Result:
             raise InputError(f"there is no result {path}")
         try:
             if path.suffix == ".parquet":
-                metadata = json.loads(polars.read_parquet_metadata(path)[_METADATA])
-                frame = polars.read_parquet(path)
+                with path.open("rb") as file:  # a path may hold what means several files to polars: [ ] * ?
+                    metadata = json.loads(polars.read_parquet_metadata(file)[_METADATA])
+                frame = polars.read_parquet(path, glob=False)
             else:
                 metadata = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
-                frame = polars.read_csv(path, infer_schema=False).cast(polars.Float64)
+                frame = polars.read_csv(path, infer_schema=False, glob=False).cast(polars.Float64)
         except (KeyError, OSError, ValueError, polars.exceptions.PolarsError) as error:
             raise InputError(f"{path} is not a result of this package: {error}") from error
         units = metadata["units"]
@@ -90,9 +109,18 @@ class Result:
         return cls(columns.pop("time").to_numpy(), {name: c.to_numpy() for name, c in columns.items()},
                    units, metadata["provenance"], metadata["complete"])
 
-    def _metadata(self) -> dict[str, Any]:
-        return {"complete": self.complete, "units": dict(self.units), "provenance": dict(self.provenance)}
+    def _metadata(self, indent: int | None = None) -> str:
+        """Everything but the numbers, as JSON."""
+        entries = {"complete": self.complete, "units": dict(self.units), "provenance": dict(self.provenance)}
+        return json.dumps(entries, indent=indent, default=_plain)
 
     def _frame(self, headers: Mapping[str, str]) -> polars.DataFrame:
         columns = {"time": self.time, **self.signals}
         return polars.DataFrame({headers.get(name, name): values for name, values in columns.items()})
+
+
+def _plain(value: Any) -> Any:
+    """Numbers and arrays of numpy, which JSON does not know, as Python's own."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    raise TypeError(f"{value!r} cannot be written as JSON")

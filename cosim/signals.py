@@ -12,10 +12,14 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from cosim import units
 from cosim.messages import did_you_mean
 from driveline.quantities import InputError
 
 INTERPOLATIONS = ("linear", "hold")
+_TEXTS = ("unit", "interpolation")
+_TIMES = ("time", "duration", "time_constant", "period", "width", "times")
+_LISTS = ("times", "data")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -179,6 +183,8 @@ KINDS: dict[str, type[Signal]] = {
 def from_table(entries: dict[str, Any]) -> Signal:
     """A signal from its TOML table: ``kind`` and the attributes of that kind.
 
+    Times are in s and values in the unit of the signal; text carries a unit of its own.
+
     Raises:
         InputError: An unknown kind or key, a missing key, or a value of the wrong type.
     """
@@ -190,15 +196,27 @@ def from_table(entries: dict[str, Any]) -> Signal:
     for key, value in entries.items():
         if key not in fields:
             raise InputError(f"a signal of kind '{kind}' has no '{key}'{did_you_mean(key, fields)}")
-        wanted = {"unit": str, "interpolation": str, "times": list, "data": list}.get(key, (int, float))
-        if not isinstance(value, wanted) or isinstance(value, bool):
-            names = {str: "text", list: "a list of numbers"}
-            raise InputError(f"{key} is {value!r}: {names.get(wanted, 'a number')} is needed")
+        if key in _TEXTS and not isinstance(value, str):
+            raise InputError(f"{key} is {value!r}: text is needed")
+        if key in _LISTS and not isinstance(value, list):
+            raise InputError(f"{key} is {value!r}: a list of numbers is needed")
     missing = [name for name, field in fields.items()
                if field.default is dataclasses.MISSING and name not in entries]
     if missing:
         raise InputError(f"a signal of kind '{kind}' also needs {', '.join(missing)}")
+    own = {**dict.fromkeys(_TIMES, "s"), "count": ""}  # units that are not the signal's
+    for key in (key for key in fields if key in entries and key not in _TEXTS):
+        unit, value = own.get(key, entries.get("unit", "")), entries[key]
+        entries[key] = _number(value, unit, key) if key not in _LISTS else [
+            _number(entry, unit, f"entry {i} of {key}") for i, entry in enumerate(value, start=1)]
     return KINDS[kind](**entries)
+
+
+def _number(value: Any, unit: str, what: str) -> float:
+    """A number in ``unit``, or text with a unit of its own."""
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        raise InputError(f"{what} is {value!r}: a number is needed")
+    return units.in_unit(value, unit, what) if isinstance(value, str) else value
 
 
 def _positive(signal: Signal, name: str) -> None:

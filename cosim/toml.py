@@ -12,7 +12,11 @@ from typing import Any
 
 from driveline.quantities import InputError
 
-_KEY = re.compile(r'"([^"]*)"|\'([^\']*)\'|([A-Za-z0-9_-]+)')
+_KEY = r'(?:"[^"]*"|\'[^\']*\'|[A-Za-z0-9_-]+)'
+_DOTTED = rf"({_KEY}(?:\s*\.\s*{_KEY})*)"
+_HEADER = re.compile(rf"\s*\[\[?\s*{_DOTTED}\s*\]")
+_ENTRY = re.compile(rf"\s*{_DOTTED}\s*=")
+_TEXT_OF_LINES = re.compile(r'"""(?:\\.|[^\\])*?"""|\'\'\'.*?\'\'\'', re.DOTALL)
 
 
 @dataclass(frozen=True)
@@ -37,7 +41,7 @@ class TomlFile:
             InputError: No such file, or not TOML.
         """
         try:
-            text = Path(path).read_text(encoding="utf-8")
+            text = Path(path).read_text(encoding="utf-8-sig")  # editors on Windows begin a file with a mark
             return cls(Path(path), text, tomllib.loads(text))
         except (OSError, UnicodeDecodeError) as error:
             raise InputError(f"{path} cannot be read: {error}") from error
@@ -57,14 +61,13 @@ class TomlFile:
     def line(self, keys: tuple[str, ...]) -> int | None:
         """The line of a key, or of the innermost table around it that has one of its own."""
         best, best_length, header = None, 0, ()
-        for number, line in enumerate(self.text.splitlines(), start=1):
-            stripped = line.strip()
-            if stripped.startswith("["):
-                header = self._keys(stripped.strip("[]").split("]")[0])
-                here = header
-            elif "=" in stripped and not stripped.startswith("#"):
-                here = header + self._keys(stripped.split("=")[0] if stripped[0] not in "\"'"
-                                           else stripped[:stripped.index(stripped[0], 1) + 1])
+        # what stands in a text of several lines is no key, whatever it looks like
+        without_texts = _TEXT_OF_LINES.sub(lambda found: "\n" * found[0].count("\n"), self.text)
+        for number, line in enumerate(without_texts.split("\n"), start=1):
+            if found := _HEADER.match(line):
+                here = header = self._keys(found[1])
+            elif found := _ENTRY.match(line):
+                here = header + self._keys(found[1])
             else:
                 continue
             if here == keys[:len(here)] and len(here) > best_length:
@@ -73,4 +76,4 @@ class TomlFile:
 
     @staticmethod
     def _keys(text: str) -> tuple[str, ...]:
-        return tuple(double or single or bare for double, single, bare in _KEY.findall(text))
+        return tuple(key.strip("\"'") for key in re.findall(_KEY, text))

@@ -7,6 +7,7 @@ the two mistakes that rotating machinery invites most.
 from __future__ import annotations
 
 import functools
+import numbers
 import re
 from importlib import resources
 
@@ -14,6 +15,7 @@ import pint
 
 from driveline.quantities import InputError
 
+_ANGLE_PREFIXES = ("", "milli", "micro", "ste")  # the steradian is a unit of its own
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*$", re.DOTALL)
 
 
@@ -37,7 +39,7 @@ def parse(text: str) -> pint.Unit:
     """The unit written as ``text``: FMI spelling (``kg.m2``, ``rad/s``, ``s-1``, ``1``) or pint's.
 
     Raises:
-        InputError: Nobody knows this unit.
+        InputError: Nobody knows this unit, or it is a multiple of the radian that nobody measures in.
     """
     if text.strip() in ("1", "", "-"):
         return registry().Unit("")
@@ -45,11 +47,16 @@ def parse(text: str) -> pint.Unit:
     spelled = spelled.replace("°C", "degC").replace("°", "deg")
     spelled = re.sub(r"(?<=[A-Za-z0-9)])\.(?=[A-Za-z(])", "*", spelled)
     spelled = re.sub(r"([A-Za-z])\^?(-?\d+)", r"\1**\2", spelled)
+    spelled = re.sub(r"\b(rev\b|r(?=/(min|s)\b))", "turn", spelled)
     try:
-        return registry().parse_units(spelled)
+        unit = registry().parse_units(spelled)
     except Exception as error:  # pint raises a dozen kinds, tokenizer errors among them
         raise InputError(
             f"unknown unit '{text}'; written like N.m, rad/s, rpm, km/h, m/s2, deg, %") from error
+    for name, _ in registry().Quantity(1.0, unit).unit_items():
+        if name.endswith("radian") and name.removesuffix("radian") not in _ANGLE_PREFIXES:
+            raise InputError(f"unit '{text}' has a {name} in it; angles are written rad, mrad, deg or rev")
+    return unit
 
 
 @functools.cache
@@ -81,9 +88,7 @@ def in_unit(value: float | int | str, unit: str, what: str) -> float:
     Raises:
         InputError: Neither a number nor a quantity of the right kind.
     """
-    if isinstance(value, bool):
-        return float(value)
-    if isinstance(value, int | float):
+    if isinstance(value, numbers.Real):  # booleans and numpy's numbers too
         return float(value)
     match = _QUANTITY.match(value) if isinstance(value, str) else None
     if match is None:

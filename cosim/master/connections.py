@@ -15,6 +15,8 @@ from cosim.messages import did_you_mean
 from cosim.signals import Constant, Signal
 from driveline.quantities import InputError, Variable
 
+_TRUTH = {"true": 1.0, "false": 0.0}
+
 
 @dataclass(frozen=True)
 class Connection:
@@ -49,13 +51,33 @@ def find(name: str, participants: Mapping[str, Participant]) -> tuple[Participan
 
 
 def find_input(name: str, participants: Mapping[str, Participant]) -> Variable:
-    """The input behind ``participant.variable``, which a source may be connected to."""
+    """The input behind ``participant.variable``, which a source may be connected to.
+
+    Raises:
+        InputError: It is no input, or a string.
+    """
     owner, variable = find(name, participants)
     if variable.causality != "input":
         inputs = [v.name for v in owner.variables.values() if v.causality == "input"]
         raise InputError(f"'{name}' is of causality {variable.causality}: only an input can be connected to "
                          f"a source{did_you_mean(variable.name, inputs)}")
+    if variable.kind == "string":
+        raise InputError(f"'{name}' is a string: strings can be set, but not connected")
     return variable
+
+
+def number(value: float | str, variable: Variable, what: str) -> float:
+    """A value for a variable as a number in its unit; of a boolean also ``true`` and ``false`` as text.
+
+    Args:
+        what: Named in the message of the error.
+
+    Raises:
+        InputError: Neither a number nor a quantity of the right kind.
+    """
+    if variable.kind == "boolean" and isinstance(value, str) and value.lower() in _TRUTH:
+        return _TRUTH[value.lower()]
+    return units.in_unit(value, variable.unit, what)
 
 
 def between(source: str, target: str,
@@ -74,8 +96,6 @@ def between(source: str, target: str,
     if origin.kind != goal.kind and (origin.kind, goal.kind) != ("integer", "real"):
         raise InputError(f"'{source}' is {origin.kind}, but '{target}' is {goal.kind}: "
                          "equal types are needed")
-    if goal.kind == "string":
-        raise InputError(f"'{target}' is a string: strings can be parameters, but not connected")
     factor, offset, said = convert(source, origin.unit, target, goal.unit)
     if goal.kind != "real" and (factor, offset) != (1.0, 0.0):
         raise InputError(f"'{source}' is in '{origin.unit}', but '{target}' in '{goal.unit}': "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import numbers
 import platform
 from collections.abc import Callable, Mapping
 from importlib import metadata
@@ -11,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from cosim import units
 from cosim.master import clock as clocks
 from cosim.master import connections as wires
 from cosim.master import layout as layouts
@@ -20,7 +20,7 @@ from cosim.master.parameters import find_fmu, twin_of, vehicle_parameters
 from cosim.master.participants import ModelParticipant, Participant, SimulationError
 from cosim.master.stepping import Loop, NotFinite
 from cosim.messages import did_you_mean
-from cosim.result import Result
+from cosim.result import Result, check_signal_name
 from cosim.signals import Constant, Signal
 from driveline.model import Model
 from driveline.quantities import InputError, Variable
@@ -99,6 +99,10 @@ class Master:
             participant = FmuParticipant(name, find_fmu(what))
         else:
             participant = what
+        for other, member in self._members.items():
+            if _owner_of_state(member.participant) is _owner_of_state(participant):
+                raise InputError(f"participant '{name}' is '{other}' already: an instance of its own is needed, as "
+                                 "the two would share one state")
         values: dict[str, float | str] = {}
         if vehicle is not None:
             model = getattr(participant, "model_name", None) or str(getattr(what, "name", what))
@@ -117,14 +121,20 @@ class Master:
         return wires.find(name, self._participants)[1]
 
     def set(self, name: str, value: float | str) -> Master:
-        """Set a parameter ``participant.parameter``; text is converted to its unit."""
+        """Set a parameter ``participant.parameter``; text is converted to its unit.
+
+        An input that is a string can be set too, as nothing can be connected to it.
+
+        Raises:
+            InputError: There is no such parameter, or the value is not possible.
+        """
         participant, variable = wires.find(name, self._participants)
-        if variable.causality != "parameter":
+        if variable.causality != "parameter" and (variable.causality, variable.kind) != ("input", "string"):
             parameters = [v.name for v in participant.variables.values() if v.causality == "parameter"]
             raise InputError(f"'{name}' is of causality {variable.causality}: a parameter is needed"
                              f"{did_you_mean(variable.name, parameters)}")
         if variable.kind != "string":
-            value = units.in_unit(value, variable.unit, f"'{name}'")
+            value = wires.number(value, variable, f"'{name}'")
             try:
                 variable.check(value)
             except InputError as error:
@@ -133,7 +143,12 @@ class Master:
         return self
 
     def signal(self, name: str, signal: Signal) -> Master:
-        """Name a signal, so that it can be connected to several inputs and recorded."""
+        """Name a signal, so that it can be connected to several inputs and recorded.
+
+        Raises:
+            InputError: The name has a dot, is taken, or is ``time``.
+        """
+        check_signal_name(name)
         if not name or "." in name or name in self._signals or name in self._members:
             raise InputError(f"signal '{name}': a name without a dot that is not taken is needed")
         self._signals[name] = signal
@@ -149,7 +164,7 @@ class Master:
         if target in self._wires:
             raise InputError(f"'{target}' is connected to '{self._wires[target]}' already: "
                              f"one source for each input, not also '{source}'")
-        if isinstance(source, int | float):
+        if isinstance(source, numbers.Real):  # numpy's too
             source = Constant(value=float(source))
         if isinstance(source, Signal):
             name = "=" + target  # a name of its own, which nobody else gives
@@ -168,11 +183,25 @@ class Master:
         """Record these variables and signals (``*`` and ``?`` match), every ``step`` [s].
 
         Without it all outputs and named signals are recorded at the shortest step.
+
+        Raises:
+            InputError: A pattern is no text, or the step is not possible.
         """
+        for pattern in patterns:
+            if not isinstance(pattern, str):
+                raise InputError(f"what to record is {pattern!r}: a name like 'participant.variable' is needed")
         self._record += patterns
         if step is not None:
             self._record_step = clocks.step_length(step, "step of the record")
         return self
+
+    def recorded(self) -> dict[str, str]:
+        """The names that a run records, in their order, with their units.
+
+        Raises:
+            InputError: There is nothing of a name that was asked for.
+        """
+        return {name: self._unit(name) for name in layouts.choose(self._record, self._members, self._signals)}
 
     def describe(self, **entries: Any) -> Master:
         """Add entries to the provenance of the result."""
@@ -191,13 +220,14 @@ class Master:
             SimulationError: A participant failed; ``error.result`` holds what was recorded until then.
             Interrupted: Ctrl-C; ``interrupt.result`` likewise.
         """
-        loop, names, units_ = self._prepare(start, stop)
+        loop, units = self._prepare(start, stop)
+        names = list(units)
 
         def result(complete: bool) -> Result:
             count = loop.recording.count
             return Result(loop.recording.times(),
                           {name: loop.recording.rows[:count, i].copy() for i, name in enumerate(names)},
-                          dict(zip(names, units_)), self._provenance(start, stop), complete)
+                          units, self._provenance(start, stop), complete)
 
         try:
             loop.initialize()
@@ -219,8 +249,8 @@ class Master:
     def _participants(self) -> dict[str, Participant]:
         return {name: member.participant for name, member in self._members.items()}
 
-    def _prepare(self, start: float, stop: float) -> tuple[Loop, list[str], list[str]]:
-        """Check everything and lay out the bus; the loop, and names and units of what it records."""
+    def _prepare(self, start: float, stop: float) -> tuple[Loop, dict[str, str]]:
+        """Check everything and lay out the bus; the loop, and the units of what it records by name."""
         if not self._members:
             raise InputError("there is nobody to step: add a participant")
         self.notices = []
@@ -236,13 +266,13 @@ class Master:
             if connection.source in self._signals:
                 wires.check_values(self._signals[connection.source], connection,
                                    wires.find_input(connection.target, self._participants), clock)
-        recorded = layouts.choose(self._record, self._members, self._signals)
+        recorded = self.recorded()
         by_target = {connection.target: connection for connection in connections}
-        layout = layouts.lay_out(self._members, self._signals, by_target, recorded)
+        layout = layouts.lay_out(self._members, self._signals, by_target, list(recorded))
         loop = Loop(layout.seats, layout.bus, layout.varying, clock,
                     np.array([layout.slots[name] for name in recorded], dtype=np.intp), record_period,
                     self._gauss_seidel)
-        return loop, recorded, [self._unit(name, connections) for name in recorded]
+        return loop, recorded
 
     def _resolve(self) -> list[wires.Connection]:
         """All connections with their conversion; says aloud what somebody should know."""
@@ -259,23 +289,24 @@ class Master:
             for notice in said:
                 self._say(notice)
             resolved.append(connection)
-        for name, participant in participants.items():
-            for variable in participant.variables.values():
+        for name, member in self._members.items():
+            for variable in member.participant.variables.values():
                 if variable.causality == "input" and f"{name}.{variable.name}" not in self._wires:
-                    self._say(f"{name}.{variable.name} is not connected: it stays at its start value, "
-                              f"{variable.start:g} {variable.unit}".rstrip())
+                    start = member.parameters.get(variable.name, variable.start)
+                    shown = repr(start or "") if variable.kind == "string" else f"{start:g} {variable.unit}"
+                    self._say(f"{name}.{variable.name} is not connected: it stays at its start value, {shown}".rstrip())
         if loop := wires.algebraic_loop(participants.values(), resolved):
             known = all(p.dependencies_declared for p in participants.values())
             self._say(("algebraic loop " if known else "possible algebraic loop (dependencies not declared) ")
                       + " -> ".join(loop) + ": it is not iterated, one value in it is a step old")
         return resolved
 
-    def _unit(self, name: str, connections: list[wires.Connection]) -> str:
+    def _unit(self, name: str) -> str:
         if "." in name:
             return self.variable(name).unit
         if unit := self._signals[name].unit:
             return unit
-        targets = [connection.target for connection in connections if connection.source == name]
+        targets = [target for target, source in self._wires.items() if source == name]
         return self.variable(targets[0]).unit if targets else ""
 
     def _say(self, notice: str) -> None:
@@ -294,6 +325,10 @@ class Master:
             "signals": {name: signal.describe() for name, signal in self._signals.items()},
             "notices": list(self.notices), "versions": _versions(),
         }
+
+
+def _owner_of_state(participant: Participant) -> Model | Participant:
+    return participant.model if isinstance(participant, ModelParticipant) else participant
 
 
 def _versions() -> dict[str, str]:

@@ -70,7 +70,11 @@ class Participant(Protocol):
 
 
 class ModelParticipant:
-    """The in-process twin: a Model of the payload, without an FMU around it."""
+    """The in-process twin: a Model of the payload, without an FMU around it.
+
+    Attributes:
+        model: The Model, which holds the state: an instance serves one participant.
+    """
 
     variable_step = True
     dependencies_declared = True
@@ -78,15 +82,15 @@ class ModelParticipant:
     def __init__(self, name: str, model: Model) -> None:
         self.name = name
         self.variables = {variable.name: variable for variable in model.variables}
-        self._model = model
+        self.model = model
         self._fresh = model.values.copy()
 
     def describe(self) -> dict[str, Any]:
-        return {"twin": self._model.name, "step_function": type(self._model).__module__}
+        return {"twin": self.model.name, "step_function": type(self.model).__module__}
 
     def open(self, start: dict[str, float | str], inputs: Sequence[str], outputs: Sequence[str],
              input_buffer: np.ndarray, output_buffer: np.ndarray) -> None:
-        model = self._model
+        model = self.model
         model.values[:] = self._fresh
         for name, value in start.items():
             model[name] = float(value)
@@ -95,30 +99,30 @@ class ModelParticipant:
         self._input_buffer, self._output_buffer = input_buffer, output_buffer
 
     def initialize(self, start_time: float, stop_time: float) -> None:
-        self._model.values[self._inputs] = self._input_buffer
+        self.model.values[self._inputs] = self._input_buffer
         try:
-            self._model.initialize(start_time)
+            self.model.initialize(start_time)
         except InputError as error:
             raise InputError(f"{self.name}: {error}") from error
         self._forward_log()
         self.read()
 
     def advance(self, time: float, step: float) -> None:
-        self._model.values[self._inputs] = self._input_buffer
+        self.model.values[self._inputs] = self._input_buffer
         try:
-            self._model.step(time, step)
+            self.model.step(time, step)
         except (ValueError, ArithmeticError) as error:
             raise SimulationError(f"{self.name} at t = {time:.9g} s: {error}") from error
-        if self._model.log:
+        if self.model.log:
             self._forward_log()
 
     def read(self) -> None:
-        self._model.values.take(self._outputs, out=self._output_buffer, mode="clip")
+        self.model.values.take(self._outputs, out=self._output_buffer, mode="clip")
 
     def close(self) -> None:
         self._forward_log()
 
     def _forward_log(self) -> None:
-        for message in self._model.log:
+        for message in self.model.log:
             log.warning("%s: %s", self.name, message)
-        self._model.log.clear()
+        self.model.log.clear()

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import hashlib
+import logging
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -15,6 +16,7 @@ import numpy as np
 
 from cosim import units
 from cosim.master.clock import PER_SECOND, step_length
+from cosim.master.connections import number
 from cosim.master.master import Master
 from cosim.master.parameters import find_fmu
 from cosim.measured import CANONICAL, Comparison, Manoeuvre, compare
@@ -26,12 +28,16 @@ from cosim.signals import KINDS, Constant, Signal, Table, from_table
 from cosim.toml import TomlFile
 from driveline.quantities import InputError
 
+log = logging.getLogger("cosim")
+
 SHIPPED = Path(__file__).parents[1] / "scenarios"
 
 _KEYS = {
     "scenario": {"title": str, "step": None, "start": None, "stop": None, "order": str, "vehicle": str,
                  "variant": str, "gear": int, "fmu": dict, "signals": dict, "connections": dict,
                  "record": list, "record_step": None, "measurement": dict, "compare": dict},
+    "measurement": {"path": str, "name": str, "note": str, "vehicle": str, "variant": str, "manoeuvre": list,
+                    "channels": dict},
     "fmu": {"file": str, "twin": str, "step": None, "vehicle": str, "variant": str, "gear": int,
             "parameters": dict},
     "measured signal": {"kind": str, "channel": str, "interpolation": str, "above": None, "missing": None},
@@ -136,6 +142,7 @@ class Scenario:
         with at("record"):
             master.record(*table.get("record", []),
                           step=self._seconds("record_step", 0.0) if "record_step" in table else None)
+        self._check_pairs(master)
         provenance: dict[str, Any] = {
             "scenario": self._file.path.name,
             "scenario_sha256": hashlib.sha256(self._file.text.encode()).hexdigest()}
@@ -162,6 +169,13 @@ class Scenario:
             if self.manoeuvre is None:
                 raise InputError("there is no measurement to compare with: add [measurement]")
             return compare(result, self.manoeuvre, pairs)
+
+    def _check_pairs(self, master: Master) -> None:
+        """What ``compare`` will not like is said before the run: a result without motion is compared."""
+        if self._table.get("compare"):
+            with self._file.at("record"):
+                recorded = master.recorded()
+            self.compare(Result(np.array([self.start, self.stop]), {name: np.zeros(2) for name in recorded}, recorded))
 
     def _add(self, master: Master, name: str, entry: dict[str, Any]) -> None:
         twin = entry.get("twin") or (Path(entry["file"]).stem if self._twins else None)
@@ -208,22 +222,28 @@ class Scenario:
         return signal
 
     def _measured_signal(self, name: str, entry: dict[str, Any]) -> Signal:
-        """A channel; with ``above`` a switch that is 1 while the channel is above that value."""
+        """A channel, or the value for one that is missing; with ``above`` a switch that is 1 while it is above that."""
         if self.manoeuvre is None:
             raise InputError("there is no measurement: add [measurement], or give one when running")
+        signal: Constant | Table
         if name not in self.manoeuvre and "missing" in entry and name in CANONICAL:
             unit = CANONICAL[name].unit
-            return Constant(value=units.in_unit(entry["missing"], unit, "missing"), unit=unit)
-        channel = self.manoeuvre[name]
+            signal = Constant(value=units.in_unit(entry["missing"], unit, "missing"), unit=unit)
+        else:
+            signal = self.manoeuvre[name].as_signal(entry.get("interpolation"))
         if "above" not in entry:
-            return channel.as_signal(entry.get("interpolation"))
-        above = channel.values > units.in_unit(entry["above"], channel.unit, "above")
-        return Table(times=channel.time, data=above.astype(np.float64), unit="1", interpolation="hold")
+            return signal
+        above = units.in_unit(entry["above"], signal.unit, "above")
+        if isinstance(signal, Constant):
+            return Constant(value=float(signal.value > above), unit="1")
+        return Table(times=signal.times, data=(signal.data > above).astype(np.float64), unit="1", interpolation="hold")
 
     def _csv_signal(self, entry: dict[str, Any]) -> Table:
-        """A column over a time column [s]; rows in which either is absent are left out."""
+        """A column over a time column, in s where its header says no unit; rows without either are left out."""
         table = read_table(self._file.path.parent / entry["file"])
-        column, times = table.column(entry["column"]), table.column(entry.get("time", "time")).values
+        column, clock = table.column(entry["column"]), table.column(entry.get("time", "time"))
+        factor, _ = units.conversion(clock.unit or "s", "s")
+        times = factor * clock.values
         present = np.isfinite(times) & np.isfinite(column.values)
         return Table(times=times[present], data=column.values[present],
                      unit=entry.get("unit", column.unit or ""),
@@ -232,8 +252,8 @@ class Scenario:
     def _override(self, master: Master, connections: dict[str, Any], name: str, value: float | str) -> None:
         """A parameter is set; an input gets a constant in place of its source."""
         variable = master.variable(name)
-        if variable.causality == "input":
-            connections[name] = units.in_unit(value, variable.unit, name)
+        if variable.causality == "input" and variable.kind != "string":
+            connections[name] = number(value, variable, name)
         else:
             master.set(name, value)
 
@@ -241,20 +261,23 @@ class Scenario:
         entry = self._table.get("measurement")
         if entry is None and given is None:
             return None
-        entry = dict(entry or {})
-        named, wanted = entry.pop("path", None), entry.pop("name", None)
-        description = entry or None  # what is left says which column is what
-        if given is not None:
-            path = Path(given)
-        elif named is not None:
-            path = self._file.path.parent / named
-        else:
+        entry = entry or {}
+        if given is None and "path" not in entry:
             raise InputError(f"{self._file.path} needs a measurement: give one with --measurement PATH "
                              "(a folder with measurement.toml, or a data file)")
+        self._check(entry, "measurement", "measurement")
+        path = Path(given) if given is not None else self._file.path.parent / entry["path"]
+        description = {key: value for key, value in entry.items() if key not in ("path", "name", "note")}
+        if path.is_file() and path.suffix != ".toml":
+            if given is not None and "channels" in description:
+                description["channels"] = _as_far_as_needed(description["channels"], path)
+        elif given is None and path.exists() and description:
+            with self._file.at("measurement", min(description)):
+                raise InputError(f"what is in {path} is said by its measurement.toml: not here too")
         measurement = load_measurement(path, description)
-        if wanted is not None:
+        if "name" in entry:
             with self._file.at("measurement", "name"):
-                return measurement[wanted]
+                return measurement[entry["name"]]
         return measurement.manoeuvres[0]
 
     def _seconds(self, key: str, missing: float) -> float:
@@ -274,3 +297,24 @@ class Scenario:
                 wanted = known[key]
                 if wanted is not None and (not isinstance(value, wanted) or isinstance(value, bool)):
                     raise InputError(f"it is {value!r}: {_TYPES[wanted]} is needed")
+
+
+def _as_far_as_needed(channels: dict[str, Any], path: Path) -> dict[str, Any]:
+    """What of a description of columns holds for a data file that may say itself what they mean.
+
+    A channel whose columns are not in the file is the column of its canonical name, or, where the file has others
+    of those, absent. Where it has none, the description is all there is, and the reader says which column is missing.
+    """
+    columns = read_table(path).names
+
+    def is_there(name: str, entry: Any) -> bool:
+        column = entry.get("column", name) if isinstance(entry, dict) else None
+        return all(c in columns for c in (column if isinstance(column, list) else [column]) if isinstance(c, str))
+
+    described = {name: entry for name, entry in channels.items() if is_there(name, entry)}
+    own = {name: {"column": name} for name in CANONICAL if name in columns and name not in described}
+    if len(described) == len(channels) or not own.keys() - {"time"}:
+        return channels
+    for name in sorted(channels.keys() - described.keys() - own.keys()):
+        log.info("%s has no column for %s", path.name, name)
+    return {**own, **described}

@@ -188,7 +188,10 @@ class Loop:
                 continue
             step = seat.period if seat_is_due else (clock.stop - clock.start) % seat.period
             refresh = self._refresher(seat) if self._gauss_seidel and seat.early.any() else None
-            read = seat.participant.read if seat.outputs and (seat.feeds or record) else None
+            # its outputs are held until its next step ends: nobody sees them before then unless somebody is fed,
+            # or the record has instants between the ends of its steps
+            seen = seat.feeds or record or self.recording.period % seat.period
+            read = seat.participant.read if seat.outputs and seen else None
             finish.append((refresh, seat.participant.advance, step, step / PER_SECOND, read))
         sample = [sampler for sampler, seat, seat_is_due in zip(self._samplers, self._seats, due)
                   if (seat_is_due or mask & _LAST) and seat.inputs]

@@ -31,7 +31,7 @@ _POINTS = 4000  # more than a picture can show
 def axis_label(name: str, unit: str) -> str:
     """``engine speed [rad/s]``; no unit where it is only a number."""
     words = name.replace("_", " ")
-    return f"{words} [{unit}]" if unit not in ("", "1") else words
+    return _as_it_is(f"{words} [{unit}]" if unit not in ("", "1") else words)
 
 
 Panel = TypeVar("Panel")
@@ -65,11 +65,14 @@ def draw_sheet(path: Path, title: str, panels: Sequence[Panel], draw: Callable[[
 
 
 def plot_signals(result: Result, path: str | Path, names: Sequence[str] | None = None,
-                 title: str = "") -> Path:
+                 title: str = "") -> Path | None:
     """One panel for each quantity: signals of the same name share one, whoever they belong to.
 
     Args:
         names: Which signals; by default the first eight quantities of the result.
+
+    Returns:
+        The picture; None where there is no signal to show.
     """
     groups: dict[tuple[str, str], list[str]] = {}
     for name in names or result.names:
@@ -77,12 +80,14 @@ def plot_signals(result: Result, path: str | Path, names: Sequence[str] | None =
         groups.setdefault((quantity, result.units[name]), []).append(name)
     if names is None:
         groups = dict(list(groups.items())[:8])
+    if not groups:
+        return None
     with rc_context(STYLE):
         figure = Figure(figsize=(_WIDTH, _HEIGHT * len(groups) + 0.6), layout="constrained")
         axes = figure.subplots(len(groups), 1, sharex=True, squeeze=False)[:, 0]
         for axis, ((quantity, unit), members) in zip(axes, groups.items()):
             for name in members:
-                _line(axis, result.time, result[name], label=name.partition(".")[0])
+                _line(axis, result.time, result[name], label=_as_it_is(name.partition(".")[0]))
             axis.set_title(axis_label(quantity, unit), loc="left")
             if len(members) > 1:
                 axis.legend(ncols=len(members), loc="best")
@@ -113,19 +118,23 @@ def _line(axis: Axes, time: np.ndarray, values: np.ndarray, **style: Any) -> Non
     """A line; of very many points the extremes of each stretch, so that no peak gets lost."""
     if time.size > 2 * _POINTS:
         stretch = time.size // _POINTS
-        count = time.size // stretch * stretch
-        blocks = values[:count].reshape(-1, stretch)
-        first = np.arange(0, count, stretch)
+        first = np.arange(0, time.size, stretch)
+        blocks = np.pad(values, (0, first[-1] + stretch - time.size), "edge").reshape(-1, stretch)
         keep = np.unique(np.concatenate([first + blocks.argmin(axis=1), first + blocks.argmax(axis=1),
                                          [0, time.size - 1]]))
         time, values = time[keep], values[keep]
     axis.plot(time, values, **style)
 
 
+def _as_it_is(text: str) -> str:
+    """Text that matplotlib shows without taking what is between two ``$`` for a formula."""
+    return text.replace("$", r"\$")
+
+
 def _save(figure: Figure, last: Axes, path: str | Path, title: str) -> Path:
     last.set_xlabel("time [s]")
     if title:
-        figure.suptitle(title)
+        figure.suptitle(_as_it_is(title))
     with replacing(Path(path)) as temporary:
         figure.savefig(temporary, format="png", metadata={"Software": None})
     return Path(path)

@@ -69,11 +69,56 @@ class Foreign(Fmi2Slave):
 '''
 
 
+WORDED = '''
+from pythonfmu import Boolean, Fmi2Causality, Fmi2Slave, Fmi2Variability, Real, String
+
+
+class Worded(Fmi2Slave):
+    """Has a string for an input and one for an output: shows how long the first is, negative while off."""
+
+    def __init__(self, **kwargs):
+        super().__init__(**kwargs)
+        self.words, self.said, self.on, self.shown = "hi", "", False, 0.0
+        self.register_variable(String("words", causality=Fmi2Causality.input))
+        self.register_variable(String("said", causality=Fmi2Causality.output))
+        self.register_variable(Boolean("on", causality=Fmi2Causality.parameter, variability=Fmi2Variability.fixed))
+        self.register_variable(Real("shown", causality=Fmi2Causality.output))
+
+    def do_step(self, current_time, step_size):
+        self.shown = len(self.words) * (1.0 if self.on else -1.0)
+        return True
+'''
+
+SILENT = '''
+from pythonfmu import Fmi2Causality, Fmi2Slave, Real
+
+
+class Silent(Fmi2Slave):
+    """Has no outputs."""
+
+    def __init__(self, **kwargs):
+        super().__init__(**kwargs)
+        self.level = 0.0
+        self.register_variable(Real("level", causality=Fmi2Causality.input))
+
+    def do_step(self, current_time, step_size):
+        return True
+'''
+
+
 @pytest.fixture(scope="session")
-def foreign_fmu(tmp_path_factory):
-    """An FMU made without this project."""
+def foreign_fmus(tmp_path_factory):
+    """A folder with foreign.fmu, worded.fmu and silent.fmu, made without this project."""
     from pythonfmu import FmuBuilder
 
     folder = tmp_path_factory.mktemp("foreign")
-    (folder / "foreign.py").write_text(FOREIGN)
-    return FmuBuilder.build_FMU(folder / "foreign.py", dest=folder)
+    for name, script in (("foreign", FOREIGN), ("worded", WORDED), ("silent", SILENT)):
+        (folder / f"{name}.py").write_text(script)
+        FmuBuilder.build_FMU(folder / f"{name}.py", dest=folder).rename(folder / f"{name}.fmu")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def foreign_fmu(foreign_fmus):
+    """As anybody might write one."""
+    return foreign_fmus / "foreign.fmu"

@@ -75,6 +75,8 @@ def test_the_text_for_people_names_the_files(folder, capsys):
     (["run", "lag.toml", "--out", "lag.fmu"], "a folder that can be written to is needed"),
     (["run", "road_log"], "--measurement PATH"),
     (["study", "nothing"], "there is no study 'nothing'"),
+    (["study", "size-estimator-robustness", "--workers", "0"], "workers"),
+    (["study", "gears", "--workers", "2", "--out", "a/b"], "takes no 'workers'"),
 ])
 def test_wrong_input_is_2_and_one_message(folder, capsys, arguments, words):
     assert cli.main(arguments) == 2
@@ -83,9 +85,7 @@ def test_wrong_input_is_2_and_one_message(folder, capsys, arguments, words):
     assert words in captured.err
     assert "Traceback" not in captured.err
     assert captured.err.count("driveline:") == 1
-    assert sorted(p.name for p in folder.iterdir()) in (
-        ["lag.fmu", "lag.toml", "long.toml"], ["lag.fmu", "lag.toml", "long.toml", "out"])
-    assert not list(folder.glob("out/**/*.*"))
+    assert sorted(p.name for p in folder.iterdir()) == ["lag.fmu", "lag.toml", "long.toml"]
 
 
 @pytest.mark.parametrize("arguments", [[], ["ruin"], ["run"], ["list", "cars"], ["hide", "x"],
@@ -108,6 +108,50 @@ def test_a_failure_in_the_run_is_1_and_leaves_what_was_recorded(folder, capfd):
     partial = Result.read(folder / "bad" / "result_partial.csv")
     assert not partial.complete
     assert partial.time[-1] == 0.3
+
+
+def test_a_run_leaves_nothing_of_an_earlier_one(folder, capfd):
+    """After a failure there is no whole result, after a success no part of one; what is not of a run stays."""
+    out = folder / "out"
+    out.mkdir()
+    (out / "mine.csv").write_text("")
+    text = (SCENARIO.format(stop=1.0).replace('"a.u" = 1.0', '"a.u" = "s"')
+            + '[signals.s]\nkind = "step"\nbefore = 0\nafter = 1e12\ntime = 0.3\n')
+    (folder / "bad.toml").write_text(text)
+    whole = {"result.csv", "result.json", "result.parquet", "signals.png"}
+    part = {"result_partial.csv", "result_partial.json", "result_partial.parquet"}
+    for scenario, code, names in (("lag", 0, whole), ("bad", 1, part), ("lag", 0, whole)):
+        assert cli.main(["run", f"{scenario}.toml", "--out", "out"]) == code
+        assert {path.name for path in out.iterdir()} == {"mine.csv", *names}
+    assert cli.main(["run", "lag.toml", "--out", "out", "--set", "a.time_konstant=1"]) == 2
+    assert {path.name for path in out.iterdir()} == {"mine.csv", *names}
+
+
+def test_a_pair_to_compare_that_is_not_there_is_said_before_the_run(folder, capsys):
+    (folder / "log.csv").write_text("time,gear\n0,1\n1,2\n")
+    (folder / "long.toml").write_text(SCENARIO.format(stop=1e5) + '[measurement]\npath = "log.csv"\n'
+                                      '[compare]\n"a.gear_ot" = "gear"\n')
+    assert cli.main(["run", "long.toml"]) == 2
+    assert "did you mean 'a.gear_out'" in capsys.readouterr().err
+    assert not (folder / "out").exists()
+
+
+def test_an_fmu_without_outputs_runs_without_a_picture(foreign_fmus, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "s.toml").write_text(f'stop = 0.1\n[fmu.f]\nfile = "{foreign_fmus / "silent.fmu"}"\n')
+    assert cli.main(["run", "s.toml", "--out", "out", "--json"]) == 0
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["result.csv", "result.json", "result.parquet"]
+
+
+@pytest.mark.parametrize(("out", "truth"), [
+    ("m", "m.truth.json"), (".", "../here.truth.json"), ("a/..", "../here.truth.json"), ("..", "../../{}.truth.json")])
+def test_the_truth_lies_beside_the_folder_however_it_is_written(tmp_path, monkeypatch, out, truth):
+    asked = []
+    (tmp_path / "here" / "a").mkdir(parents=True)
+    monkeypatch.chdir(tmp_path / "here")
+    monkeypatch.setattr("cosim.diagnosis.hidden.hide", lambda *args, truth, **kwargs: asked.append(truth))
+    assert cli.main(["hide", "--seed", "1", "--quiet", "--out", out]) == 0
+    assert [path.resolve() for path in asked] == [Path(truth.format(tmp_path.name)).resolve()]
 
 
 @pytest.mark.skipif(os.name != "posix", reason="sends SIGINT")

@@ -24,6 +24,7 @@ from cosim.master import (
     Step,
     Table,
 )
+from cosim.master.participants import ModelParticipant
 from driveline.model import Model
 from driveline.quantities import InputError, Variable
 
@@ -147,6 +148,29 @@ def test_what_is_recorded_and_how_often_changes_nothing():
     assert more["a.time_constant"].tolist() == [0.1] * more.time.size
 
 
+@pytest.mark.parametrize("step", [2e-3, 3e-3, 5e-3])
+def test_outputs_are_held_in_the_record_though_they_feed_nobody(step):
+    """A record that has instants between the ends of steps shows what the last of them gave."""
+    result = Master(step=step).add("a", counter()).record("a.ended", step=3e-3).run(stop=0.031)
+    ticks, length = np.round(result.time * 1000), round(step * 1000)
+    held = ticks // length * length
+    held[-1] = 31  # the last step is as short as it has to be
+    assert result["a.ended"] * 1000 == pytest.approx(held)
+
+
+def test_outputs_nobody_sees_are_not_read():
+    class Reads(ModelParticipant):
+        count = 0
+
+        def read(self):
+            self.count += 1
+            super().read()
+
+    participant = Reads("a", counter())
+    Master(step=1e-3).add("a", participant).record("a.ended", step=1e-2).run(stop=0.1)
+    assert participant.count == 1 + 10
+
+
 def test_a_connection_converts_units_and_says_so():
     master = Master(step=1e-2).add("a", lag(start_angle=1.0)).add("b", counter()).connect("a.y", "b.u")
     result = master.run(stop=0.1)
@@ -225,6 +249,30 @@ def test_somebody_elses_fmu_takes_part(foreign_fmu):
     assert result["f.inner"][-1] == 5.0
     assert result.units["f.doubled"] == ""
     assert any("f.level declares no unit, taken as 'rad'" in notice for notice in master.notices)
+
+
+def test_an_fmu_with_a_string_input_and_a_switch_takes_part(foreign_fmus):
+    """A string cannot be connected, but set; true and false may be written out."""
+    master = Master(step=0.1).add("f", foreign_fmus / "worded.fmu", parameters={"on": "true"})
+    assert master.run(stop=0.2)["f.shown"].tolist() == [0.0, 2.0, 2.0]
+    assert any("f.words is not connected: it stays at its start value, 'hi'" in notice for notice in master.notices)
+    master.set("f.words", "hello").set("f.on", "False")
+    assert master.run(stop=0.2)["f.shown"].tolist() == [0.0, -5.0, -5.0]
+    for source in (5, RAMP, "f.said"):
+        with pytest.raises(InputError, match="'f.words' is a string: strings can be set, but not connected"):
+            master.connect(source, "f.words")
+
+
+def test_an_fmu_without_outputs_takes_part(foreign_fmus):
+    result = Master(step=0.1).add("f", foreign_fmus / "silent.fmu").run(stop=0.2)
+    assert result.names == [] and result.time.size == 3
+
+
+def test_numpys_numbers_are_numbers():
+    master = Master(step=0.1).add("a", lag(), parameters={"time_constant": np.float32(0.5)})
+    result = master.connect(np.int64(5), "a.gear").connect(np.float32(0.25), "a.u").record("a.*").run(stop=0.2)
+    assert result["a.gear"].tolist() == [5.0] * 3 and result["a.u"].tolist() == [0.25] * 3
+    assert result.provenance["participants"]["a"]["parameters"] == {"time_constant": 0.5}
 
 
 def test_a_failing_fmu_is_named_with_time_and_its_own_words(fmus, capfd):
@@ -318,6 +366,10 @@ def pair():
     (lambda: pair().connect(float("nan"), "a.u").run(stop=1), "finite"),
     (lambda: pair().record("a.x").run(stop=1), "nothing to record is called 'a.x'"),
     (lambda: pair().signal("a", RAMP), "not taken"),
+    (lambda: pair().signal("time", RAMP), "a signal cannot be called 'time'"),
+    (lambda: pair().record(1), "what to record is 1"),
+    (lambda: (lambda model: pair().add("c", model).add("d", model))(lag()), "'d' is 'c' already"),
+    (lambda: (lambda one: pair().add("c", one).add("d", ModelParticipant("d", one)))(lag()), "'d' is 'c' already"),
 ])
 def test_wrong_input_gets_one_clear_message(put_together, words):
     with pytest.raises(InputError, match=words) as caught:

@@ -48,3 +48,29 @@ def test_thinning_a_long_signal_keeps_its_peaks(tmp_path, drawn):
     shown = drawn[0].axes[0].lines[0].get_ydata()
     assert shown.size < 4 * plots._POINTS
     assert (shown.max(), shown.min()) == (5.0, -3.0)
+
+
+def test_dollars_are_shown_as_they_are(tmp_path, drawn):
+    """Between two of them matplotlib would read a formula, and fail where it is none."""
+    time = np.linspace(0.0, 1.0, 3)
+    result = Result(time, {"$a_$.$v_$": time, "b.$v_$": time}, {"$a_$.$v_$": "$u_$", "b.$v_$": "$u_$"})
+    assert plot_signals(result, tmp_path / "x.png", title="run $a_$ b").is_file()
+    axis, = drawn[0].axes
+    assert not any(text.get_text().replace(r"\$", "").count("$") for text in (
+        axis.title, drawn[0]._suptitle, *axis.get_legend().get_texts()))
+
+
+def test_there_is_no_picture_of_nothing(tmp_path):
+    assert plot_signals(Result(np.zeros(3), {}, {}), tmp_path / "x.png") is None
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("peak", [0, 7, -1, -5])
+def test_no_peak_gets_lost_among_very_many_points(tmp_path, drawn, peak):
+    """Nor one behind the last whole stretch."""
+    time = np.linspace(0.0, 1.0, 80019)
+    values = np.zeros(time.size)
+    values[peak] = 100.0
+    plot_signals(Result(time, {"v": values}, {"v": "m/s"}), tmp_path / "x.png")
+    [line] = drawn[0].axes[0].lines
+    assert line.get_ydata().max() == 100.0 and line.get_xdata()[-1] == 1.0

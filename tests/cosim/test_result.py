@@ -68,3 +68,33 @@ def test_what_is_no_result_is_refused(tmp_path, name, content):
         Result.read(tmp_path / name)
     with pytest.raises(InputError, match="there is no result"):
         Result.read(tmp_path / "gone.csv")
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
+def test_a_path_that_looks_like_a_pattern_is_a_path(result, tmp_path, ending):
+    path = tmp_path / "o[1]" / f"r.{ending}"
+    getattr(result, f"to_{ending}")(path)
+    getattr(Result(result.time, {}, {}), f"to_{ending}")(tmp_path / "o1" / f"r.{ending}")
+    assert Result.read(path).names == result.names
+
+
+def test_numpys_numbers_in_the_provenance_become_plain_ones(result, tmp_path):
+    result.provenance["signals"] = {"before": np.int64(-20), "times": np.array([0.5, 1.0]), "on": np.bool_(True)}
+    result.to_csv(tmp_path / "r.csv")
+    result.to_parquet(tmp_path / "r.parquet")
+    for ending in ("csv", "parquet"):
+        assert Result.read(tmp_path / f"r.{ending}").provenance["signals"] == {
+            "before": -20, "times": [0.5, 1.0], "on": True}
+
+
+def test_a_provenance_that_cannot_be_written_leaves_no_file(result, tmp_path):
+    result.provenance["odd"] = object()
+    for write in (result.to_csv, result.to_parquet):
+        with pytest.raises(TypeError, match="cannot be written as JSON"):
+            write(tmp_path / "r.csv")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_no_signal_is_called_as_the_time_axis():
+    with pytest.raises(InputError, match="a signal cannot be called 'time'"):
+        Result(np.zeros(1), {"time": np.zeros(1)}, {"time": "s"})

@@ -57,7 +57,10 @@ kind = "measured"
 def folder(fmus, tmp_path):
     for name in ("lag.fmu", "counter.fmu"):
         (tmp_path / name).symlink_to(fmus / name)
-    (tmp_path / "log.csv").write_text("time,engine_speed [rpm],gear\n0.0104,60,3\n0.25,90,4\n0.4999,60,4\n")
+    for path in (tmp_path / "log.csv", tmp_path / "m" / "log.csv"):
+        path.parent.mkdir(exist_ok=True)
+        path.write_text("time,engine_speed [rpm],gear\n0.0104,60,3\n0.25,90,4\n0.4999,60,4\n")
+    (tmp_path / "m" / "measurement.toml").write_text('[[manoeuvre]]\nfile = "log.csv"\n')
     return tmp_path
 
 
@@ -123,6 +126,78 @@ def test_a_switch_made_of_a_measured_channel(folder):
     assert result["engine_speed"].tolist() == ((result.time >= 0.25) & (result.time < 0.4999)).tolist()
 
 
+@pytest.mark.parametrize(("missing", "on"), [(1.0, 0.0), (3.0, 1.0), ('"4"', 1.0)])
+def test_a_switch_made_of_a_channel_that_is_missing(folder, missing, on):
+    text = TEXT.replace("[connections]", "[signals.lockup]\nkind = 'measured'\nchannel = 'brake_torque'\nabove = 2.5\n"
+                        f"missing = {missing}\n[measurement]\npath = 'log.csv'\n[connections]")
+    assert set(Scenario.load(write(folder, text.replace('"ramp", "a.*"', '"lockup", "a.*"'))).run()["lockup"]) == {on}
+
+
+def test_a_column_of_a_file_has_the_clock_its_header_says(folder):
+    (folder / "torque.csv").write_text("t [ms],x [deg]\n0,0\n100,10\n400,10\n")
+    text = TEXT.replace("[connections]", "[signals.x]\nkind = 'csv'\nfile = 'torque.csv'\ncolumn = 'x'\ntime = 't'\n"
+                        "[connections]").replace('record = ["ramp"', 'record = ["x"')
+    result = Scenario.load(write(folder, text)).run()
+    assert result["x"] == pytest.approx(np.minimum(100.0 * result.time, 10.0))
+    (folder / "torque.csv").write_text("t [m],x [deg]\n0,0\n100,10\n")
+    with pytest.raises(InputError, match=r"signals.x: 'm' cannot be converted to 's'"):
+        Scenario.load(write(folder, text)).master()
+
+
+@pytest.mark.parametrize(("old", "new", "words"), [
+    ('"a.y_speed" =', '"a.y_sped" =', "no signal 'a.y_sped'; did you mean 'a.y_speed'"),
+    ('= "engine_speed"', '= "engine_sped"', "no channel 'engine_sped'; did you mean 'engine_speed'"),
+    ('= "engine_speed"', '= "gear"', "'a.y_speed' is compared with 'gear', but 'rad/s' cannot be converted to '1'"),
+])
+def test_what_cannot_be_compared_is_said_before_the_run(folder, old, new, words):
+    assert old in MEASURED
+    with pytest.raises(InputError, match=rf"scenario.toml, line \d+: compare: .*{words}"):
+        Scenario.load(write(folder, TEXT + MEASURED.replace(old, new))).master()
+
+
+CANONICAL_LOG = "time [ms],engine_torque [N.m],gear,vehicle_speed [km/h],turbine_speed [rpm]\n" + "".join(
+    f"{100 * k},{50 + k},5,72,{1500 + k}\n" for k in range(6))
+
+
+def test_a_description_of_columns_is_for_files_that_do_not_say_it_themselves(tmp_path):
+    """The shipped one describes a log; a file with canonical names is taken by those, also for some channels only."""
+    log = tmp_path / "log.csv"
+    for text in (CANONICAL_LOG, CANONICAL_LOG.replace("turbine_speed [rpm]", "turbine_speed_rpm")):
+        log.write_text(text)
+        scenario = Scenario.load("road_log", measurement=log, twins=True)
+        manoeuvre = scenario.manoeuvre
+        assert set(manoeuvre.channels) == {"engine_torque", "gear", "vehicle_speed", "turbine_speed"}
+        assert (manoeuvre.start, manoeuvre.stop, manoeuvre.kind) == (0.0, 0.5, "drive")
+        assert manoeuvre["turbine_speed"].values[0] == pytest.approx(50 * np.pi)
+        result = scenario.run()
+        assert set(result["brake_torque"]) == {0.0}
+        assert len(scenario.compare(result)) == 2
+    log.write_text("time_s,engine_torque_nm,gear,vehicle_speed_mph,turbine_speed\n0,1,5,30,1500\n1,1,5,30,1500\n")
+    assert set(Scenario.load("road_log", measurement=log).manoeuvre.channels) == {
+        "engine_torque", "gear", "vehicle_speed", "turbine_speed"}
+    log.write_text("time_s,engine_torque_nm,gear,vehicle_speed_mph\n0,1,5,30\n1,1,5,30\n")
+    with pytest.raises(InputError, match="there is no column 'brake_pressure_kpa'"):
+        Scenario.load("road_log", measurement=log)
+
+
+def test_a_line_is_found_beside_texts_that_look_like_keys(folder):
+    text = TEXT.replace('title = "Lag and counter"', 'title = """\n"quoted = 1\nstep = 2\n[fmu.a.parameters]\n"""')
+    with pytest.raises(InputError, match=r"line 15: fmu.a.parameters.time_constant: .*'kg'"):
+        Scenario.load(write(folder, text.replace('"50 ms"', '"50 kg"'))).master()
+
+
+def test_a_mark_at_the_beginning_of_the_file_is_no_obstacle(folder):
+    path = write(folder)
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
+    assert Scenario.load(path).title == "Lag and counter"
+
+
+def test_words_and_switches_can_be_set_from_outside(foreign_fmus, tmp_path):
+    text = f'stop = 0.2\nstep = 0.1\n[fmu.f]\nfile = "{foreign_fmus / "worded.fmu"}"\n'
+    result = Scenario.load(write(tmp_path, text), {"f.on": "true", "f.words": "hello"}).run()
+    assert result["f.shown"].tolist() == [0.0, 5.0, 5.0]
+
+
 def test_a_parameter_can_be_what_was_measured_at_the_start(folder):
     text = TEXT.replace('stop = "0.5 s"', 'stop = "0.5 s"\nstart = 0.25') + MEASURED
     text = text.replace('time_constant = "50 ms"', 'start_angle = { measured = "gear" }').replace(
@@ -149,7 +224,9 @@ def test_a_parameter_can_be_what_was_measured_at_the_start(folder):
     ('"50 ms"', "{ measured = 'gear' }", r"line 11: .*with a \[measurement\]"),
     ("step = 0.005", 'step = "fast"', r"fmu.b: step is 'fast': a number"),
     ('kind = "ramp"', 'kind = "ram"', r"line 18: signals.ramp: kind is 'ram'; did you mean 'ramp'"),
-    ("after = 90", 'after = "90"', r"signals.ramp: after is '90': a number"),
+    ("after = 90", 'after = "high"', r"signals.ramp: after is 'high': a number"),
+    ("[signals.ramp]", "[signals.time]", r"line 18: signals.time: a signal cannot be called 'time'"),
+    ('record = ["ramp", "a.*", "b.seen"]', "record = [1]", r"line 4: record: what to record is 1"),
     ("after = 90", "", r"signals.ramp: .*also needs after"),
     ('unit = "deg"', 'unit = "grd"', r"signals.ramp: unknown unit 'grd'"),
     ('unit = "deg"', 'unit = "kg"', r"line 27: connections.a.u: .*'kg' cannot be converted"),
@@ -161,6 +238,12 @@ def test_a_parameter_can_be_what_was_measured_at_the_start(folder):
     ('title = "Lag', 'title = Lag', r"scenario.toml: Invalid value .*line 1"),
     ("[connections]", '[compare]\n"a.y" = "gear"\n[connections]', r"compare: there is no measurement"),
     ("[connections]", '[measurement]\nkey = 1\n[connections]', r"needs a measurement"),
+    ("[connections]", '[measurement]\npath = "log.csv"\nnmae = "a"\n[connections]',
+     r"line 28: measurement.nmae: a measurement has no such key; did you mean 'name'"),
+    ("[connections]", '[measurement]\npath = "log.csv"\nstop = 3\n[connections]', r"measurement.stop: .*no such key"),
+    ("[connections]", '[measurement]\npath = "log.csv"\nmanoeuvre = {}\n[connections]', r"manoeuvre: .*a list is"),
+    ("[connections]", '[measurement]\npath = "m"\n[measurement.channels.gear]\ncolumn = "g"\n[connections]',
+     r"line 26: measurement.channels: what is in .*m is said by its measurement.toml"),
 ])
 def test_what_is_wrong_is_named_with_file_and_key(folder, old, new, words):
     assert old in TEXT

@@ -45,6 +45,13 @@ def test_every_kind_is_read_from_its_table():
     assert from_table({"kind": "step", **step}) == Step(**step)
 
 
+def test_text_carries_a_unit_of_its_own():
+    table = from_table({"kind": "table", "times": ["0 s", "10 ms", 2], "data": [0, "1 kN.m", "3"], "unit": "N.m"})
+    assert (table.times.tolist(), table.data.tolist()) == ([0.0, 0.01, 2.0], [0.0, 1000.0, 3.0])
+    ramp = {"kind": "ramp", "time": "500 ms", "duration": "1 min", "before": 0, "after": "180 deg", "unit": "rad"}
+    assert from_table(ramp) == Ramp(time=0.5, duration=60.0, before=0, after=np.pi, unit="rad")
+
+
 @pytest.mark.parametrize(("table", "words"), [
     ({}, "kind is None"),
     ({"kind": "rampp"}, "did you mean 'ramp'"),
@@ -62,6 +69,10 @@ def test_every_kind_is_read_from_its_table():
     ({"kind": "table", "times": [0], "data": [float("nan")]}, "not finite"),
     ({"kind": "table", "times": [0], "data": [1], "interpolation": "cubic"}, "interpolation is 'cubic'"),
     ({"kind": "table", "times": "0 1", "data": [1]}, "a list of numbers"),
+    ({"kind": "table", "times": ["0 s", "10 m"], "data": [0, 1]}, "entry 2 of times is '10 m': 'm' cannot be"),
+    ({"kind": "table", "times": [[0], 1], "data": [0, 1]}, r"entry 1 of times is \[0\]: a number"),
+    ({"kind": "step", "before": "0 N.m", "after": 1, "time": 1}, "before is '0 N.m', but its unit is not declared"),
+    ({"kind": "constant", "value": 1, "unit": 3}, "unit is 3: text"),
 ])
 def test_messages(table, words):
     with pytest.raises(InputError, match=words):

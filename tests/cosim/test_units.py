@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -15,7 +16,8 @@ from driveline.quantities import InputError
     ("mph", "m/s", 0.44704), ("N.m/deg", "N.m/rad", 180 / math.pi), ("Nm", "N.m", 1.0),
     ("kg.m2", "kg*m^2", 1.0),
     ("%", "1", 0.01), ("s-1", "Hz", 1.0), ("g_0", "m/s2", 9.80665), ("N.m.s/rad", "N.m/(rad/s)", 1.0),
-    ("mrad", "rad", 1e-3), ("rad/s2", "rad/s2", 1.0)])
+    ("mrad", "rad", 1e-3), ("rad/s2", "rad/s2", 1.0), ("rev", "rad", 2 * math.pi), ("rev/min", "rpm", 1.0),
+    ("r/min", "rad/s", math.pi / 30), ("N.m/rev", "N.m/rad", 0.5 / math.pi), ("urad", "rad", 1e-6)])
 def test_factor(source, target, factor):
     assert units.conversion(source, target) == (pytest.approx(factor, rel=1e-15), 0.0)
 
@@ -37,6 +39,12 @@ def test_an_unknown_unit_is_named(text):
         units.conversion(text, "m")
 
 
+@pytest.mark.parametrize("text", ["Grad/s", "krad", "1/Mrad"])
+def test_multiples_of_the_radian_that_nobody_measures_in_are_refused(text):
+    with pytest.raises(InputError, match=f"unit '{text}' has a .*radian in it; angles are written rad, mrad, deg"):
+        units.parse(text)
+
+
 @given(st.floats(-1e6, 1e6, allow_subnormal=False))
 def test_there_and_back(value):
     factor, offset = units.conversion("degF", "K")
@@ -47,6 +55,7 @@ def test_there_and_back(value):
 def test_a_value_carries_its_unit_or_is_in_the_one_wanted():
     assert units.in_unit("50 km/h", "m/s", "v") == pytest.approx(50 / 3.6)
     assert units.in_unit("-1.5e2", "N.m", "T") == units.in_unit(-150, "N.m", "T") == -150.0
+    assert units.in_unit(np.int64(-150), "N.m", "T") == units.in_unit(np.float32(-150), "N.m", "T") == -150.0
 
 
 @pytest.mark.parametrize(("value", "words"), [("fast", "a number is needed, in m/s"), ("3 kg", "cannot be"),
