@@ -40,31 +40,34 @@ def road_log(findings: Findings, out: Path, measurement: Path | None, seconds: f
     if measurement is None:
         findings.add("road log", "1", None, None, "not run: give a recording with --measurement")
         return
-    manoeuvre = _load(measurement)
-    vehicle = vehicles.load(VEHICLE)
+    manoeuvre, vehicle = _load(measurement)
     signals = _signals(manoeuvre, vehicle)
     stop = PERIOD * np.floor(min(manoeuvre.stop - manoeuvre.start, seconds or np.inf) / PERIOD)
     gears = _gears(signals["gear"], float(stop))
+    if not gears:
+        findings.add("road log", "1", None, None, f"no forward gear is engaged for {100.0 * SHARE:g} % of the time")
+        return
     result = _run(signals, gears, vehicle, round(float(stop), 6))
     _rows(findings, result, gears, vehicle)
     findings.figures.append(_figure(out, result, gears))
 
 
-def _load(path: Path) -> Manoeuvre:
-    """The recording; columns of a bare data file are those of the shipped scenario ``road_log``.
+def _load(path: Path) -> tuple[Manoeuvre, Vehicle]:
+    """The recording and its vehicle; columns of a bare data file are those of the shipped scenario ``road_log``.
 
     Its logger has no engine speed but the converter's slip; this is read in place of the engine speed
     and the turbine's is added.
     """
     if Path(path).is_dir() or Path(path).suffix == ".toml":
-        return load(path).manoeuvres[0]
+        measurement = load(path)
+        return measurement.manoeuvres[0], vehicles.load(measurement.vehicle or VEHICLE, measurement.variant)
     channels = dict(TomlFile.read(SHIPPED / "road_log.toml").table["measurement"]["channels"])
     channels["engine_speed"] = {"column": "converter_slip_rpm", "unit": "rpm"}
     found = load(path, {"manoeuvre": [{"kind": "drive"}], "channels": channels}).manoeuvres[0]
     slip, turbine = found["engine_speed"], found["turbine_speed"]
     engine = replace(slip, time=turbine.time, values=turbine.values + slip.at(turbine.time),
                      source=f"{turbine.source} and {slip.source}")
-    return replace(found, channels={**found.channels, "engine_speed": engine})
+    return replace(found, channels={**found.channels, "engine_speed": engine}), vehicles.load(VEHICLE)
 
 
 def _signals(manoeuvre: Manoeuvre, vehicle: Vehicle) -> dict[str, Table]:
@@ -115,20 +118,24 @@ def _engaged(result: Result, gear: int) -> np.ndarray:
 
 
 def _rows(findings: Findings, result: Result, gears: list[int], vehicle: Vehicle) -> None:
-    slip = result["engine_speed"] - result["turbine_speed"] if "turbine_speed" in result else np.zeros(
-        result.time.size)
+    slip = result["engine_speed"] - result["turbine_speed"] if "turbine_speed" in result else None
     torque = result["engine_torque"]
     finite = all(np.isfinite(result[name]).all() for name in result.names)
     findings.add("road log: every output of every estimator is finite (0 no, 1 yes)", "1", None, float(finite),
-                 f"{result.time[-1]:.0f} s through the master, a frame every {1e3 * PERIOD:g} ms; in process: "
-                 + (", ".join(name for name in ESTIMATORS if not is_built(name)) or "none"))
+                 f"{vehicle.name}, {result.time[-1]:.0f} s through the master, a frame every {1e3 * PERIOD:g} ms; "
+                 "in process: " + (", ".join(name for name in ESTIMATORS if not is_built(name)) or "none"))
     for gear in gears:
         there = _engaged(result, gear)
+        if not there.any():
+            findings.add(f"road log: time in gear {gear}", "s", None, 0.0, "never for 0.5 s on end")
+            continue
         reversals = np.sum((torque[:-1] < 0.0) & (torque[1:] >= 0.0) & there[1:])
-        locked = 100.0 * np.mean(np.abs(slip[there]) < LOCKED)
+        locked = "whether the converter is locked is not known without a turbine speed"
+        if slip is not None:
+            share = 100.0 * np.mean(np.abs(slip[there]) < LOCKED)
+            locked = f"converter locked (slip below {LOCKED:g} rad/s) {share:.0f} % of it"
         findings.add(f"road log: time in gear {gear}", "s", None, PERIOD * there.sum(),
-                     f"converter locked (slip below {LOCKED:g} rad/s) {locked:.0f} % of it, torque turns "
-                     f"positive {reversals} times")
+                     f"{locked}, torque turns positive {reversals} times")
         for estimator in ESTIMATORS:
             _estimator_rows(findings, result, f"{estimator}_{gear}", estimator, gear, there, vehicle)
     findings.add("road log: frames in a lash traversal of 0.13 s", "1", None, 0.13 / PERIOD,
@@ -149,7 +156,9 @@ def _estimator_rows(findings: Findings, result: Result, name: str, estimator: st
                      100.0 * said("trusted")[there].mean())
     if "traversal_end" in outputs:
         ends = said("traversal_end")
-        new = np.flatnonzero((np.diff(ends) != 0.0) & there[1:]) + 1
+        # one that is revised for a while counts when it is settled
+        told = np.diff(said("traversal_settled")) > 0.0 if "traversal_settled" in outputs else np.diff(ends) != 0.0
+        new = np.flatnonzero(told & there[1:]) + 1
         times = ends[new] - said("traversal_start")[new]
         findings.add(f"road log: traversals reported, {which}", "1", None, new.size,
                      f"median duration {1e3 * np.median(times):.0f} ms" if new.size else "")

@@ -173,3 +173,35 @@ def test_estimators_stay_finite_on_a_road_log(tmp_path):
     for estimator in ESTIMATORS:
         assert any(quantity.endswith(f", {estimator}") for quantity in rows)
     assert (tmp_path / findings.figures[0]).is_file()
+
+
+def a_drive(folder, gears, vehicle):
+    """20 s of a steady drive without a turbine speed; a gear after the other, each for as long."""
+    folder.mkdir()
+    time = np.arange(0.0, 20.0, 0.02)
+    gear = np.repeat(gears, -(-time.size // len(gears)))[:time.size]
+    rows = [f"{t:.2f},{100 * (np.sin(t) > 0) - 20},{150 + np.sin(t):.3f},{12 + 0.05 * np.sin(t):.3f},{g}"
+            for t, g in zip(time, gear)]
+    (folder / "drive.csv").write_text("\n".join(
+        ["time [s],engine_torque [N.m],engine_speed [rad/s],vehicle_speed [m/s],gear", *rows]) + "\n")
+    (folder / "measurement.toml").write_text(
+        f'vehicle = "{vehicle}"\n[[manoeuvre]]\nfile = "drive.csv"\nkind = "drive"\n')
+    return folder
+
+
+def test_a_road_log_is_that_of_its_own_vehicle(tmp_path):
+    findings = Findings()
+    road_log.road_log(findings, tmp_path, a_drive(tmp_path / "log", [5], "pickup_10r80"))
+    rows = {entry.quantity: entry for entry in findings.rows}
+    finite = rows["road log: every output of every estimator is finite (0 no, 1 yes)"]
+    assert finite.here == 1.0 and finite.note.startswith("pickup_10r80, 20 s")
+    assert "not known without a turbine speed" in rows["road log: time in gear 5"].note
+
+
+@pytest.mark.parametrize(("gears", "said"), [([0], "no forward gear is engaged"),
+                                             ([4, 5] * 25, "never for 0.5 s on end")])
+def test_a_road_log_without_a_gear_to_look_at_says_so(tmp_path, gears, said):
+    findings = Findings()
+    road_log.road_log(findings, tmp_path, a_drive(tmp_path / "log", gears, "pickup_10r80"))
+    assert any(said in entry.note for entry in findings.rows)
+    assert all(entry.here is None or np.isfinite(entry.here) for entry in findings.rows)
