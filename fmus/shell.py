@@ -53,6 +53,9 @@ class ModelSlave(Fmi2Slave):
         described = json.loads(Path(resources, MODEL_FILE).read_text(encoding="utf-8"))
         self.model = self.models[described["model"]](described["start_values"])
         self.start_time = 0.0
+        self._outputs = self._settable("output")
+        # whether initialization mode is on, and what was set in it since outputs were computed
+        self._initializing = self._stale = False
         self._free_by_phase = {False: self._settable("parameter", "input"), True: self._settable("input")}
         self._enter(running=False)
 
@@ -97,9 +100,24 @@ class ModelSlave(Fmi2Slave):
         self.start_time = start_time
 
     def enter_initialization_mode(self) -> None:
+        self._initializing = self._stale = True
         self._forward_log()
 
+    def _compute(self, kind: str, vrs: list[int]) -> None:
+        """Outputs that are asked for in initialization mode, as they follow from what was set so far.
+
+        Where that cannot be, they stay as they are: more may be set, and at its end the host is told.
+        """
+        if self._outputs[kind].isdisjoint(vrs):
+            return
+        try:
+            self.model.initialize(self.start_time)
+        except (ValueError, ArithmeticError):
+            return
+        self._stale = False
+
     def exit_initialization_mode(self) -> None:
+        self._initializing = self._stale = False
         try:
             self.model.initialize(self.start_time)
         except Exception as error:
@@ -119,18 +137,24 @@ class ModelSlave(Fmi2Slave):
     # ---- values ----
 
     def get_real(self, vrs: list[int]) -> list[float]:
+        if self._stale:
+            self._compute("real", vrs)
         try:
             return [*map(self.model.values.item, vrs)]
         except Exception as error:
             self._fail(error)
 
     def get_integer(self, vrs: list[int]) -> list[int]:
+        if self._stale:
+            self._compute("integer", vrs)
         try:
             return [int(value) for value in map(self.model.values.item, vrs)]
         except Exception as error:
             self._fail(error)
 
     def get_boolean(self, vrs: list[int]) -> list[bool]:
+        if self._stale:
+            self._compute("boolean", vrs)
         try:
             return [value != 0.0 for value in map(self.model.values.item, vrs)]
         except Exception as error:
@@ -150,6 +174,7 @@ class ModelSlave(Fmi2Slave):
         if not self._free[kind].issuperset(vrs):
             self._set_with_care(kind, vrs, values)
             return
+        self._stale = self._initializing
         held = self.model.values
         for vr, value in zip(vrs, values, strict=True):
             held[vr] = value
@@ -190,6 +215,7 @@ class ModelSlave(Fmi2Slave):
             self.model.restore(state[1:])
         except Exception as error:
             self._fail(error)
+        self._initializing = self._stale = False
         self._enter(running=bool(state[0]))
 
     @staticmethod

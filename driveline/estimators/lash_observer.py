@@ -110,6 +110,7 @@ NORMAL_90 = 1.6448536269514722
 LONGEST = 0.15  # [s] between two engine speeds, beyond which the twist is lost
 SURPRISE_BOUND = 4.0
 MISSING_BOUND = 0.05  # [s] without a complete frame
+PERIOD_BOUND = 0.0201  # [s] between frames, beyond which sizes were wrong that it was sure of
 
 INPUT_TORQUE, INPUT_ENGINE, INPUT_WHEEL, INPUT_ENGINE_AGE, INPUT_WHEEL_AGE = range(5)
 
@@ -169,9 +170,9 @@ class ObserverNoise:
 
 @dataclass(frozen=True)
 class LashSampling:
-    """When frames are taken in: as often as its noise, which is told by the frame, was tried."""
+    """When frames are taken in; its noise is told by the frame, so not as often as anyone likes."""
 
-    period: float = quantity("s", "sampling time of the estimator", start=0.01, minimum=5e-4, maximum=0.02)
+    period: float = quantity("s", "sampling time of the estimator", start=0.01, minimum=5e-4, maximum=0.1)
 
 
 @dataclass(frozen=True)
@@ -417,7 +418,8 @@ def report(state, constants, outputs, time, contact):
         outputs[24] = time - state[TIME]
     outputs[25] = state[SURPRISE]
     outputs[26] = 0.0
-    if state[RUNNING] > 0.0 and state[SURPRISE] < SURPRISE_BOUND and state[MISSING] < MISSING_BOUND:
+    if (state[RUNNING] > 0.0 and state[SURPRISE] < SURPRISE_BOUND and state[MISSING] < MISSING_BOUND
+            and constants[PERIOD] < PERIOD_BOUND):
         outputs[26] = 1.0
 
 
@@ -462,7 +464,7 @@ class LashObserver(Estimator):
         estimate("time_jitter", "s", "scatter of the instants at which speeds are taken", 1e-3),
         estimate("latency", "s", "age of the engine speed that position and contact refer to", 0.01),
         estimate("surprise", "1", "normalised innovation, averaged; at most about 1 if the covariances are right"),
-        estimate("trusted", "1", "1 while innovations and frames are as they should be, else 0"),
+        estimate("trusted", "1", "1 while innovations and frames are as they should be, at most 20 ms apart, else 0"),
     )
 
     @classmethod

@@ -289,13 +289,20 @@ def test_covariances_stay_symmetric_and_positive():
 
 
 @pytest.mark.parametrize(("parameter", "value"), [("shaft.half_gap", 0.0), ("shaft.half_gap", 0.5),
-                                                  ("gear.transmission_ratio", -2.0), ("sampling.period", 1e-4),
-                                                  ("sampling.period", 0.03)])
+                                                  ("gear.transmission_ratio", -2.0), ("sampling.period", 1e-4)])
 def test_what_cannot_be_worked_with_is_named(parameter, value):
     observer = make()
     with pytest.raises(InputError, match=parameter):
         observer[parameter] = value
         observer.initialize()
+
+
+@pytest.mark.parametrize(("milliseconds", "trusts"), [(1, True), (20, True), (30, False), (50, False)])
+def test_with_few_frames_it_does_not_trust_itself(milliseconds, trusts):
+    record = driven(250.0, count=2)
+    found = listen(record, make(), milliseconds)
+    assert found["trusted"][-1] == trusts
+    assert not trusts or found["lash_size"][-1] == pytest.approx(2.0 * make()["shaft.half_gap"], rel=0.05)
 
 
 def test_a_vehicle_without_lash_is_named():

@@ -173,6 +173,34 @@ def test_snapshot_serves_another_instance_with_other_parameters(toy, load):
     assert "mass.inertia is a fixed parameter" in failure(other, other.setReal, [0], [1.0])
 
 
+@pytest.mark.parametrize("name", ["toy", "plant_fom", "dskse"])
+def test_outputs_in_initialization_mode_are_those_at_its_end(toy, fmus, load, name):
+    """As a host asks for them that passes them on to other FMUs before any of them runs."""
+    host, other = (load({**fmus, "toy": toy.fmu}[name]) for _ in range(2))
+    inputs = {"toy": {"force": 3.0, "mass.inertia": 0.3}, "dskse": {"engine_torque": 100.0, "engine_speed": 150.0},
+              "plant_fom": {"engine_torque": 100.0, "start.vehicle_speed": 12.0}}[name]
+    host.setupExperiment()
+    host.enterInitializationMode()
+    before = host.outputs()
+    for key, value in inputs.items():
+        host[key] = value
+    early = host.outputs()
+    host.exitInitializationMode()
+    other.initialize(**inputs)
+    assert early == host.outputs() == other.outputs()
+    assert name == "toy" or early != before  # which starts at rest whatever pulls at it
+    assert host.run(0, 20) == other.run(0, 20)
+
+
+def test_what_cannot_be_initialized_yet_is_told_at_the_end_of_initialization(toy, load):
+    host = load(toy.fmu)
+    host.setupExperiment()
+    host.enterInitializationMode()
+    host["mass.inertia"] = -1.0
+    host.outputs()
+    assert "mass.inertia" in failure(host, host.exitInitializationMode)
+
+
 def test_snapshot_from_before_the_initialization(toy, load):
     host = load(toy.fmu)
     snapshot = host.getFMUState()
