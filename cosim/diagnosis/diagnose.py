@@ -22,7 +22,7 @@ from cosim.diagnosis.fit.noise import Noise
 from cosim.diagnosis.fit.predict import Predictor, coordinates
 from cosim.diagnosis.gain import extend
 from cosim.diagnosis.gain.profit import profit
-from cosim.diagnosis.gain.swings import in_phase, phases
+from cosim.diagnosis.gain.swings import in_phase
 from cosim.diagnosis.judge import proposal
 from cosim.diagnosis.judge.confirm import FEWEST, Jury, words
 from cosim.diagnosis.judge.finding import believed, doubts, gained
@@ -325,10 +325,10 @@ def _extend(diagnosis: Diagnosis, predictor: Predictor, found: Identification, o
     if not diagnosis.reserved:
         return
     say("measuring the gain on " + ", ".join(run.name for run in diagnosis.reserved))
-    floors, swinging = found.noise.floors, phases(found.best.effects)
+    floors, phases = found.noise.floors, [name for effect in found.best.effects for name in CATALOGUE[effect].nuisances]
     roads = {(extended, run.name): on_its_road(car, values if extended else car.values, run, floors)
              for extended in (False, True) for run in diagnosis.reserved}
-    phase = {run.name: in_phase(car, values, roads[True, run.name], floors, swinging) for run in diagnosis.reserved}
+    phase = {run.name: in_phase(car, values, roads[True, run.name], floors, phases) for run in diagnosis.reserved}
 
     def known(extended: bool, run: Run) -> dict[str, float]:
         return {**values, **phase[run.name]} if extended else car.values

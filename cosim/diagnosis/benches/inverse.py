@@ -21,8 +21,9 @@ from scipy.linalg import cho_factor, cho_solve
 
 from cosim.diagnosis.catalogue import shown_by
 from cosim.diagnosis.effect import EffectParameter
-from cosim.diagnosis.fit.regression import Band, dependence, paired
-from cosim.diagnosis.plants.rigid import RigidPlant, interval_of, spoiled
+from cosim.diagnosis.fit.regression import dependence, paired
+from cosim.diagnosis.plants.band import Band
+from cosim.diagnosis.plants.rigid import RigidPlant, interval_of
 from cosim.diagnosis.plants.run import STEP, Run
 
 BLOCK = 2.0  # s
@@ -119,7 +120,7 @@ class Torques:
         clocks = [clock for shown in self.shown for clock, _ in shown.values()]
         self.interval = float(np.mean(np.concatenate([np.diff(clock) for clock in clocks])))
         self.band = band or Band.sampled(interval_of(clocks))
-        self.trim = spoiled(self.band)
+        self.trim = self.band.spoiled
         self.channels = [c for c in plant.sections if any(c in shown for shown in self.shown)]
         nominal = self.measured({})
         self.scale = {c: _root_mean_square(nominal, c) for c in self.channels}

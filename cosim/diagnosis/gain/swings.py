@@ -6,14 +6,8 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.plants import FullOrderCar, Run
 from driveline.quantities import InputError
-
-
-def phases(effects: Iterable[str]) -> list[str]:
-    """Values that hold a phase of some effects; nothing a vehicle file could say."""
-    return [phase for effect in effects for phase in CATALOGUE[effect].nuisances]
 
 
 def in_phase(car: FullOrderCar, values: Mapping[str, float], run: Run, floors: Mapping[str, float],
@@ -26,7 +20,7 @@ def in_phase(car: FullOrderCar, values: Mapping[str, float], run: Run, floors: M
         values: Of the car, with what swings in them.
         run: Simulated as it is.
         floors: Noise of each channel.
-        unknown: Which phases, one after the other.
+        unknown: Values that hold these phases; found one after the other.
     """
     found, scale = {}, run.stack(floors)
     for phase in unknown:

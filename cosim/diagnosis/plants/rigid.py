@@ -21,7 +21,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfiltfilt
 
-from cosim.diagnosis.fit.regression import Band
+from cosim.diagnosis.plants.band import Band
 from cosim.diagnosis.plants.base import SHORTEST, InstrumentedPlant, compared
 from cosim.diagnosis.plants.observation import Errors, observe
 from cosim.diagnosis.plants.run import STEP, Run
@@ -30,8 +30,7 @@ from driveline.kernels import layout as k
 from driveline.quantities import InputError
 
 LONGEST = 10.0  # s: stretches into which a recording is cut
-TRIM = 6.0  # periods of the band's edge that a filter spoils at either end of a stretch
-_LEAST = 3.0  # of those ends: how long a stretch has to be
+_LEAST = 3.0  # times what the band's filter spoils at either end: how long a stretch has to be
 _SMOOTH = 100.0  # Hz: a position is smoothed up to here before it is differentiated
 _MISSED = 2.5  # of nine in ten intervals between samples: a longer one is a gap
 _GRID = 129  # speeds at which friction is asked for, either way
@@ -82,7 +81,7 @@ class RigidPlant(InstrumentedPlant):
             InputError: The torque or force of the drive or all motion is missing, or a manoeuvre is too short.
         """
         interval = max(self._interval(manoeuvre) for manoeuvre in measurement.manoeuvres)
-        shortest = max(SHORTEST, _LEAST * spoiled(Band.sampled(interval)))
+        shortest = max(SHORTEST, _LEAST * Band.sampled(interval).spoiled)
         longest = max(LONGEST, 2.0 * shortest) if longest is None else longest
         return [run for manoeuvre in measurement.manoeuvres
                 for run in self._cut(manoeuvre, shortest, longest, interval)]
@@ -210,11 +209,6 @@ class RigidPlant(InstrumentedPlant):
 def interval_of(clocks: Iterable[np.ndarray]) -> float:
     """What nine in ten intervals between samples [s] do not exceed."""
     return float(np.quantile(np.concatenate([np.diff(clock) for clock in clocks]), 0.9))
-
-
-def spoiled(band: Band) -> float:
-    """How much [s] of a run a filter spoils at either end, as it does not know what was before or comes after."""
-    return TRIM / band.edge
 
 
 def _lost(channel: Channel) -> list[tuple[float, float]]:

@@ -9,9 +9,10 @@ import pytest
 from cosim.diagnosis.benches.bench import _wrong, diagnose_bench
 from cosim.diagnosis.benches.inverse import Inverse
 from cosim.diagnosis.catalogue import CATALOGUE, effect, shown_by
-from cosim.diagnosis.fit.regression import Band, block_sums, dependence, least_squares, paired, relative_error
+from cosim.diagnosis.fit.regression import block_sums, dependence, least_squares, paired, relative_error
 from cosim.diagnosis.judge.finding import joint_probability
 from cosim.diagnosis.plants import STEP, Bench, FullOrderCar, SingleMass, plant_for
+from cosim.diagnosis.plants.band import Band
 from cosim.measured import Channel, Manoeuvre, Measurement, load
 from driveline.quantities import InputError
 

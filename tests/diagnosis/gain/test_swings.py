@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from floors import FLOORS
 
+from cosim.diagnosis.catalogue import effect
 from cosim.diagnosis.diagnose import _values
 from cosim.diagnosis.fit.predict import Predictor, coordinates
 from cosim.diagnosis.gain import extend
-from cosim.diagnosis.gain.swings import in_phase, phases
+from cosim.diagnosis.gain.swings import in_phase
 
 
 @pytest.mark.parametrize("phase", [-2.0, 0.3, 3.0])
@@ -23,7 +24,7 @@ def test_the_phase_of_a_swing_is_found_in_every_recording(car_and_run, phase):
     shown = car.predict({**car.values, **both, **true}, run) + noise
     run = replace(run, measured={name: shown[place] for name, place in run.slices.items()})
     supposed = {name: 1.2 * size for name, size in both.items()}
-    found = in_phase(car, {**car.values, **supposed}, run, FLOORS, phases(["speed_sensor_eccentricity"]))
+    found = in_phase(car, {**car.values, **supposed}, run, FLOORS, effect("speed_sensor_eccentricity").nuisances)
     assert found.keys() == true.keys()
     for name in true:
         assert np.angle(np.exp(1j * (found[name] - true[name]))) == pytest.approx(0.0, abs=0.1)
@@ -31,11 +32,8 @@ def test_the_phase_of_a_swing_is_found_in_every_recording(car_and_run, phase):
 
 def test_what_cannot_be_simulated_has_no_phase(car_and_run):
     car, run = car_and_run
-    assert in_phase(car, {**car.values, "axle_shaft.stiffness": -1.0}, run, FLOORS, phases(["torque_ripple"])) == {}
-
-
-def test_an_effect_that_does_not_swing_has_no_phase():
-    assert phases(["shaft_stiffness", "vehicle_mass"]) == []
+    impossible = {**car.values, "axle_shaft.stiffness": -1.0}
+    assert in_phase(car, impossible, run, FLOORS, effect("torque_ripple").nuisances) == {}
 
 
 def test_the_extended_vehicle_swings_as_much_as_was_told_of_all_recordings(car_and_run):
