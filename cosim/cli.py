@@ -315,7 +315,8 @@ def _summary(finding: dict[str, Any]) -> list[str]:
     lines += [f"  {open_to} {', '.join(rival['effects'])} ({rival['separation_sigma']:.1f} sigma)"
               for rival in finding["ambiguous_with"]]
     if proposed := finding["next_manoeuvre"]:
-        lines.append(f"  drive next: {proposed['kind']} in gear {proposed['gear']}: {proposed['why']}")
+        gear = f" in gear {proposed['gear']}" if proposed["gear"] else ""  # a bench has none
+        lines.append(f"  drive next: {proposed['kind']}{gear}: {proposed['why']}")
     if gain := finding["gain"]:
         lines += [f"  {row['signal']}: error {100 * row['nrmse_before']:.2f} % before, "
                   f"{100 * row['nrmse_after']:.2f} % after, of the range" for row in gain["held_out"]]

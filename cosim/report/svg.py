@@ -92,10 +92,9 @@ class Panel:
         x, y = x[inside], y[inside]
         if x.size > 2 * _POINTS:
             size = x.size // _POINTS
-            count = x.size // size
-            rows = y[:count * size].reshape(count, size)
+            rows = np.pad(y, (0, -y.size % size), "edge").reshape(-1, size)  # the first of equals is taken: no pad is
             ends = np.sort(np.stack([rows.argmin(axis=1), rows.argmax(axis=1)]), axis=0)
-            keep = (ends + size * np.arange(count)).T.ravel()
+            keep = (ends + size * np.arange(len(rows))).T.ravel()
             x, y = x[keep], y[keep]
         a, b = self.place(x, np.clip(y, *self.y))
         return f'<polyline class="{css}" points="{" ".join(f"{p:.1f},{q:.1f}" for p, q in zip(a, b))}"/>'
@@ -182,7 +181,7 @@ def dumbbells(rows: Sequence[tuple[str, float, float, float]], title: str) -> st
     parts = []
     for value in _ticks(panel.x, 5):
         x = float(panel.place(value, 0.0)[0])
-        parts += [line(x, top, x, bottom, "grid"), text(x, bottom + 15, f"{value:.4g} %", "middle")]
+        parts += [line(x, top, x, bottom, "grid"), text(x, bottom + 15, f"{number(value)} %", "middle")]
     for i, (name, before, after, floor) in enumerate(rows):
         y = top + 26.0 * (i + 0.5)
         a, b, c = (float(panel.place(x, 0.0)[0]) for x in (before, after, floor))

@@ -11,12 +11,14 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
+from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.hidden import hide
 from cosim.diagnosis.plants import FullOrderCar, Nuisance
 from cosim.diagnosis.show.residuals import wrong
 from cosim.measured import load
 from cosim.report import svg
 from cosim.report.diagnosis.page import render
+from cosim.report.diagnosis.text import dotted, shown_unit
 
 VERDICTS = ("cause", "ambiguous", "unknown", "none")
 WIDTHS = (1200, 800, 400)
@@ -147,6 +149,22 @@ def diagnosis(base, verdict):
         seconds=48.2, disturbance=disturbance, suspects=[{"effect": "tyre_stiffness", "probability": 0.03}])
 
 
+def bench(verdict, stretches=2, **said):
+    """The same of a bench: ``r1``, ``r2``, ..., each with a force simulated worse than in the one before."""
+    time, names = np.arange(0.0, 10.0, 0.01), [f"r{i + 1}" for i in range(stretches)]
+    drag = {"nominal": 0.0, "value": 20.0, "low90": 19.0, "high90": 21.0, "unit": "N"}
+    finding = {"verdict": verdict, "wrong": [], "causes": [
+        {"effect": "coulomb_drag", "probability": 0.6, "parameters": {"guide_friction": drag}}],
+        "together": ["coulomb_drag"], "ambiguous_with": [], "next_manoeuvre": None, "unknown": None, "gain": None}
+    traces = {(name, "force"): (time, np.sin(time), (1.1 + 0.1 * i) * np.sin(time), np.sin(time))
+              for i, name in enumerate(names)}
+    carriage = SimpleNamespace(source=SimpleNamespace(name="emps", variant=None), name="plant_single_mass", values={})
+    return SimpleNamespace(
+        finding=finding | said, measurement=SimpleNamespace(name="bench"), car=carriage, traces=traces, reserved=[],
+        notices=[], seconds=1.0,
+        runs=[SimpleNamespace(name=name, clocks={"force": time}) for name in names])
+
+
 @pytest.fixture(scope="module")
 def pages(base):
     return {verdict: render(diagnosis(base, verdict)) for verdict in VERDICTS}
@@ -222,6 +240,44 @@ def test_a_confirmed_cause_beside_something_unknown_is_named(base):
     assert "Unknown cause A torque at the propeller shaft is missing" in said
 
 
+def test_what_only_imitates_something_unknown_is_not_what_explains_it(base):
+    given = diagnosis(base, "unknown")
+    given.finding |= {"together": ["wheel_speed_delay"], "causes": [
+        {**diagnosis(base, "ambiguous").finding["causes"][1], "probability": 0.05}]}
+    said = " ".join(words(render(given)).split())
+    assert said.count("What only imitates it") == 2 and "What only imitates it wheel speed delay, 5 %" in said
+    assert "Why" not in said and "sensor" not in said  # neither on the sketch nor in words
+    assert "It is in the car itself: propeller shaft." in said
+    given.finding["causes"][0]["probability"] = 0.9
+    said = " ".join(words(render(given)).split())
+    assert "Why: what explains it" in said and "imitates" not in said
+    assert "It is partly in a sensor, partly in the car itself." in said and "sensor: wheel speed" in said
+
+
+def test_what_is_to_be_driven_next_is_told_of_a_bench_without_a_gear():
+    following = {"kind": "coast_down", "gear": 0, "separation_sigma": 5.0, "why": "the two differ in inline_torque"}
+    rival = {"effects": ["driveline_damping"], "separation_sigma": 1.0}
+    said = " ".join(words(render(bench("ambiguous", ambiguous_with=[rival], next_manoeuvre=following))).split())
+    assert said.count("What to drive next coast-down") == 2 and "coast-down : the two differ in inline torque" in said
+    assert "gear" not in said and "the other way" not in said
+
+
+def test_what_is_wrong_in_many_stretches_of_a_bench_is_shown_in_the_worst():
+    entry = {"signal": "force", "what": "zero is off by 3 N", "size": 3.0, "unit": "N", "p_value": 1e-9}
+    page = render(bench("cause", 7, wrong=[{**entry, "where": "r1 to r7, 7 stretches"}]))
+    assert re.findall(r"<figcaption>(.*?)</figcaption>", page, re.S) == ["<b>force</b> [N] in r7:\nzero is off by 3 N"]
+    assert "in r2:" in render(bench("cause", 3, wrong=[{**entry, "where": "r2, r3"}]))
+
+
+def test_the_gain_is_told_without_exponents():
+    row = {"manoeuvre": "r2", "signal": "force", "nrmse_before": 1.35, "nrmse_after": 0.02, "noise_floor": None}
+    remains = {"share": 12.34, "low": 10.4, "high": 14.7, "blocks": 15, "tried": 30}
+    gain = {"held_out": [row], "fraction_of_noise_floor": 150.0, "remains": remains}
+    said = " ".join(words(render(bench("cause", gain=gain))).split())
+    assert "error 135 % of the range before, 2 % after" in said and "150 times the noise floor" in said
+    assert "1234 % of it remain" in said and "1040 to 1470 %" in said
+
+
 def test_a_cause_that_no_single_feature_shows_is_told_with_what_it_rests_on(base, pages):
     given, rests = diagnosis(base, "cause"), "what is said here rests on all samples together"
     given.finding["wrong"] = []
@@ -272,6 +328,20 @@ def test_a_value_beyond_what_is_plausible_is_marked(base):
     assert "Not plausible" in render(given)
 
 
+@pytest.mark.parametrize(("effect", "name"), [("tyre_stiffness", "tyre_stiffness"),
+                                              ("shaft_stiffness", "axle_shaft_stiffness")])
+def test_a_value_at_the_limit_of_what_is_plausible_is_plausible(base, effect, name):
+    given = diagnosis(base, "cause")
+    declared = next(p for p in CATALOGUE[effect].parameters if p.name == name)
+    for limit in declared.limits:
+        size = declared.size(declared.coordinate(limit))  # as the search has it
+        found = declared.found(size, size, size, base.car.values)
+        given.finding["causes"][0] |= {"effect": effect, "parameters": {name: found}}
+        assert "Not plausible" not in render(given)
+        found["value"] *= 1.001 if limit > 1.0 else 0.999
+        assert "Not plausible" in render(given)
+
+
 def test_what_is_plausible_is_what_the_vehicle_can_have(base):
     given = diagnosis(base, "cause")
     given.finding["causes"][0] |= {"effect": "suspension_mode", "parameters": {"suspension_compliance": {
@@ -298,11 +368,19 @@ def test_numbers_are_printed_as_people_write_them(value, shown):
     assert svg.number(value) == shown
 
 
-def test_a_thinned_line_keeps_its_peaks():
+def test_units_are_printed_with_dots_and_squares_alone_and_in_sentences():
+    assert [shown_unit(unit) for unit in ("N2.m2", "m/s2", "kg.m2", "N.m.s2/rad2", "1")] == [
+        "N²·m²", "m/s²", "kg·m²", "N·m·s²/rad²", ""]
+    assert dotted("loop area 3 N2.m2 high") == "loop area 3 N²·m² high"
+    assert dotted("level off by 2 N.m.") == "level off by 2 N·m." and dotted("off by 2 m/s2") == "off by 2 m/s²"
+
+
+@pytest.mark.parametrize("peak", (0, 23_456, -2, -1))
+def test_a_thinned_line_keeps_its_peaks(peak):
     panel = svg.Panel((0.0, 1.0), (0.0, 1.0), 0.0, 100.0)
     x = np.linspace(0.0, 1.0, 50_000)
     y = np.zeros(x.size)
-    y[23_456] = 1.0
+    y[peak] = 1.0
     points = re.search('points="([^"]*)"', panel.curve(x, y, "measured")).group(1).split()
     assert len(points) < 2000
     assert min(float(point.split(",")[1]) for point in points) == pytest.approx(panel.place(0.0, 1.0)[1], abs=0.1)

@@ -215,7 +215,10 @@ class Reader:
         return changes - changes.mean()
 
     def _shift(self, name: str, values: np.ndarray) -> tuple[float | None, float | None, float]:
-        """How much later [s] and larger than the reference the channel's changes are; what is left."""
+        """How much later [s] and larger than the reference the channel's changes are; what is left.
+
+        Neither where they would have to be moved further than is looked at: then something else makes them differ.
+        """
         rows, changes = self._shifted[name], self._centred(values)
         power = np.sum(rows**2, axis=1)
         if not np.all(power > 0.0):
@@ -226,6 +229,8 @@ class Reader:
         lag = _vertex(_LAGS / _RATE, explained, best)
         left = (float(changes @ changes) - float(np.interp(lag, _LAGS / _RATE, explained))) / changes.size
         scale = float(np.interp(lag, _LAGS / _RATE, product / power))
+        if best in (0, _LAGS.size - 1):
+            return None, None, left
         return lag, scale if scale > 0.0 else None, left
 
     def _shuffle(self, values: np.ndarray) -> tuple[float | None, float | None]:

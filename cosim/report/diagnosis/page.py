@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -11,11 +12,19 @@ from markupsafe import Markup
 
 from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.effect import Effect, Values
-from cosim.diagnosis.judge.finding import balances, either, goes_with_words, in_doubt, joint_probability, missing
+from cosim.diagnosis.judge.finding import (
+    balances,
+    believed,
+    either,
+    goes_with_words,
+    in_doubt,
+    joint_probability,
+    missing,
+)
 from cosim.report import svg
 from cosim.report.diagnosis.pictures import over_time, what_is_missing
 from cosim.report.diagnosis.text import chance, dotted, rounded, shown_unit, words
-from cosim.report.diagnosis.verdict import about, headline, likely_causes, moved, shown_causes, story, summary, tag
+from cosim.report.diagnosis.verdict import about, headline, moved, named_causes, shown_causes, story, summary, tag, why
 
 if TYPE_CHECKING:
     from cosim.diagnosis.diagnose import Diagnosis
@@ -43,8 +52,8 @@ def render(diagnosis: Diagnosis) -> str:
         more=max(0, len(finding["wrong"]) - _LINES), story=story(finding["wrong"]),
         pictures=over_time(finding["wrong"], traces), shares=_shares(finding, getattr(diagnosis, "suspects", [])),
         causes=[_cause(c, finding, diagnosis.car.values) for c in shown_causes(finding)], doubt=in_doubt(finding),
-        place=_place(diagnosis), rivals=_rivals(finding),
-        next=finding["next_manoeuvre"], unknown=_unknown(finding["unknown"]),
+        why=why(finding), explained=believed(finding), place=_place(diagnosis), rivals=_rivals(finding),
+        next=_next(finding["next_manoeuvre"]), unknown=_unknown(finding["unknown"]),
         disturbances=what_is_missing(finding["unknown"], getattr(diagnosis, "disturbance", {}),
                                      [run.name for run in diagnosis.runs]),
         gain=_gain(finding["gain"]), extension=finding["extension"], notices=diagnosis.notices,
@@ -58,6 +67,15 @@ def _unknown(unknown: Mapping[str, Any] | None) -> dict[str, Any] | None:
     what, unit = missing(unknown)
     return {"place": unknown.get("place", unknown["balance"]), "what": what, "unit": shown_unit(unit),
             "others": balances(unknown)[1:], "size": unknown["size"], "goes_with": goes_with_words(unknown)}
+
+
+def _next(proposed: Mapping[str, Any] | None) -> dict[str, Any] | None:
+    """What to drive next, in words; a bench has no gear, and nothing is driven the other way there."""
+    if not proposed:
+        return None
+    gear = f" in gear {proposed['gear']}" if proposed["gear"] else ""
+    return {"what": proposed["kind"].replace("_", "-") + gear, "back": proposed.get("back", False),
+            "why": words(proposed["why"])}
 
 
 def _row(entry: Mapping[str, Any]) -> dict[str, Any]:
@@ -103,12 +121,14 @@ def _parameter(name: str, p: Mapping[str, Any], effect: Effect | None, values: V
     elif declared:
         low, high = low + p["nominal"], high + p["nominal"]
     unit = shown_unit(p["unit"])
+    # A size is searched as its logarithm: one that stopped at a limit comes back beside it, by rounding.
+    plausible = low <= p["value"] <= high or any(math.isclose(p["value"], limit) for limit in (low, high))
     drawn = svg.interval(p["nominal"], p["value"], p["low90"], p["high90"], (low, high), unit,
                          f"{words(name)}: file, found and 90 % interval")
     return {"name": words(name), "meaning": declared.meaning if declared else "", "unit": unit,
             "nominal": svg.number(p["nominal"]), "value": svg.number(p["value"]),
             "low": svg.number(p["low90"]), "high": svg.number(p["high90"]),
-            "plausible": bool(low <= p["value"] <= high), "limits": f"{svg.number(low, 3)} to {svg.number(high, 3)}",
+            "plausible": plausible, "limits": f"{svg.number(low, 3)} to {svg.number(high, 3)}",
             "bounded": bool(np.isfinite(low) and np.isfinite(high)), "svg": Markup(drawn)}
 
 
@@ -117,7 +137,7 @@ def _place(diagnosis: Diagnosis) -> dict[str, Any] | None:
     finding = diagnosis.finding
     marked: dict[str, list[str]] = {}
     kinds = []
-    for cause in likely_causes(finding) if finding["verdict"] != "none" else ():
+    for cause in named_causes(finding) if finding["verdict"] != "none" else ():
         effect = CATALOGUE.get(cause["effect"])
         if effect is None:
             continue
@@ -185,7 +205,8 @@ def _gain(gain: Mapping[str, Any] | None) -> dict[str, Any] | None:
     rows = [(words(name), *(typical(found, key) for key in ("nrmse_before", "nrmse_after", "noise_floor")))
             for name, found in signals.items()]
     rows.sort(key=lambda row: row[2] - row[1])
-    return {"before": f"{np.median([r[1] for r in rows]):.2g}", "after": f"{np.median([r[2] for r in rows]):.2g}",
+    before, after = (svg.number(float(np.median([row[place] for row in rows])), 2) for place in (1, 2))
+    return {"before": before, "after": after,
             "svg": Markup(svg.dumbbells(rows, "error before and after, signal by signal")),
             "rows": [{**row, "signal": words(row["signal"])} for row in gain["held_out"]],
             "fraction": gain.get("fraction_of_noise_floor"), "remains": gain.get("remains"),
@@ -195,5 +216,7 @@ def _gain(gain: Mapping[str, Any] | None) -> dict[str, Any] | None:
             "estimators": gain.get("estimators") or []}
 
 
-_PAGE = jinja2.Environment(loader=jinja2.PackageLoader("cosim.report.diagnosis", ""), autoescape=True, trim_blocks=True,
-                           lstrip_blocks=True, undefined=jinja2.StrictUndefined).get_template("page.html.jinja")
+_TEMPLATES = jinja2.Environment(loader=jinja2.PackageLoader("cosim.report.diagnosis", ""), autoescape=True,
+                                trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined)
+_TEMPLATES.filters["number"] = svg.number
+_PAGE = _TEMPLATES.get_template("page.html.jinja")

@@ -22,15 +22,21 @@ _UNITS = {"speed": "m/s", "shaft torque": "N.m", "engine torque": "N.m", "twist"
 
 def over_time(wrong: Sequence[Mapping[str, Any]],
               traces: Mapping[tuple[str, str], Sequence[np.ndarray]]) -> list[dict[str, Any]]:
-    """What is wrong first, each where it shows; beside it what is not, the worst of that first."""
+    """What is wrong first, each where it shows; beside it what is not, the worst of that first.
+
+    What is wrong in so many recordings that ``where`` lists them no more is shown in the one that it is worst in.
+    """
+    worst = sorted(traces, key=lambda key: -_misfit(traces[key]))
     chosen: dict[tuple[str, str], dict[str, Any]] = {}
     for entry in wrong:
         key = (entry.get("run", entry["where"].partition(",")[0]), entry["signal"].partition(" over ")[0])
+        if key not in traces:
+            key = next((other for other in worst if other[1] == key[1]), key)
         if key in traces and key[1] not in {channel for _, channel in chosen}:
             chosen[key] = dict(entry)
     named = {name for entry in wrong for name in entry["signal"].split(" over ")}
     count = min(len(chosen) + len(chosen) % 2, _PICTURES) if chosen else _PICTURES
-    for key in sorted(traces, key=lambda key: -_misfit(traces[key])):
+    for key in worst:
         if len(chosen) < count and key[1] not in named | {channel for _, channel in chosen}:
             chosen[key] = {"what": "no more off than tolerance and noise explain"}
     found = []

@@ -9,7 +9,9 @@ from markupsafe import Markup
 
 from cosim.report import svg
 
-_SQUARE = re.compile(r"(?<=[ms])2\b")
+_SQUARE = re.compile(r"\b(N|m|s|rad)2\b")
+_MOMENT = re.compile(r"\b(N2?)\.m")  # in a sentence, where a dot may as well end it
+_DOT = "\N{MIDDLE DOT}"
 
 
 def words(name: str) -> str:
@@ -19,7 +21,7 @@ def words(name: str) -> str:
 
 def shown_unit(unit: str) -> str:
     """A unit as it is printed, ``N·m/rad``; nothing for plain numbers."""
-    return "" if unit == "1" else _SQUARE.sub("\N{SUPERSCRIPT TWO}", unit.replace(".", "\N{MIDDLE DOT}"))
+    return "" if unit == "1" else _squared(unit.replace(".", _DOT))
 
 
 def with_unit(value: float, unit: str) -> str:
@@ -36,7 +38,11 @@ def rounded(value: float | None, factor: float, digits: int, size: float) -> str
 
 def dotted(sentence: str) -> str:
     """Units within a sentence as they are printed."""
-    return _SQUARE.sub("\N{SUPERSCRIPT TWO}", sentence.replace("N.m", "N\N{MIDDLE DOT}m"))
+    return _squared(_MOMENT.sub(rf"\1{_DOT}m", sentence))
+
+
+def _squared(said: str) -> str:
+    return _SQUARE.sub("\\1\N{SUPERSCRIPT TWO}", said)
 
 
 def chance(p: float) -> str | Markup:

@@ -63,6 +63,13 @@ def story(wrong: Sequence[Mapping[str, Any]]) -> list[str]:
     return list(seen.values())[:3]
 
 
+def why(finding: Mapping[str, Any]) -> str:
+    """What the causes that are shown are to what was measured, as a heading."""
+    if in_doubt(finding):
+        return "What is not excluded"
+    return "Why: what explains it" if believed(finding) else "What only imitates it"
+
+
 def shown_causes(finding: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
     """The causes that are shown: all that are likely, or else the first; none where all are excluded."""
     if finding["verdict"] == "none" and not in_doubt(finding):

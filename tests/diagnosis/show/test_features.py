@@ -73,6 +73,17 @@ def test_what_does_not_ring_has_no_shuffle_frequency():
     assert ("engine_speed", "shuffle frequency") not in found
 
 
+def test_what_swings_where_the_reference_does_not_is_not_late():
+    """No shift within what is looked at makes it fit, so the best of them is at an end."""
+    plain = recorded(step, {"wheel_speed": 0.02}, wheel_speed=lambda t: 30.0 + 2.0 * np.tanh((t - 1.0) / 2.0))
+    swings = recorded(step, {"wheel_speed": 0.02}, wheel_speed=lambda t: (
+        30.0 + 2.0 * np.tanh((t - 1.0) / 2.0)) * (1.0 + 0.01 * np.cos(30.0 * t)))
+    found = read(swings, plain)
+    assert ("wheel_speed", "lag") not in found and ("wheel_speed", "amplitude") not in found
+    assert found[("wheel_speed", "waveform")] > 0.1
+    assert read(plain)[("wheel_speed", "lag")] == pytest.approx(0.0, abs=1e-4)
+
+
 @pytest.mark.parametrize("lag", [-0.021, 0.0, 0.004, 0.030, 0.110])
 @pytest.mark.parametrize("gain", [0.8, 1.0, 1.25])
 def test_a_shifted_and_scaled_signal_has_that_lag_and_amplitude(lag, gain):
