@@ -136,20 +136,15 @@ def bare_single(path: Path, folder: Path, steps: int) -> Trip:
     return Trip(pace, rows)
 
 
-def bare_pair(fmus: dict[str, Path], folder: Path, steps: int, first: float | None = None) -> Trip:
-    """The full-order plant's torque drives the reduced plant: hand-written loop, Jacobi order.
-
-    Args:
-        first: The torque at which the reduced plant is initialized; None for that of the initialized
-            full-order one.
-    """
+def bare_pair(fmus: dict[str, Path], folder: Path, steps: int) -> Trip:
+    """The full-order plant's torque drives the reduced plant: hand-written loop, Jacobi order."""
     full, reduced = (Bare(fmus[name], folder) for name in (FULL, REDUCED))
     full.initialize()
     a, b = full.slave, reduced.slave
     torque, shown_a = full.references(TORQUE), full.references(FEED, SHOWN)
     fed, shown_b = reduced.references(TORQUE), reduced.references(SHOWN)
     carried = a.getReal(shown_a)[0]
-    reduced.initialize(engine_torque=carried if first is None else first)
+    reduced.initialize(engine_torque=carried)
     rows = np.empty((steps, 2))
     began = time.perf_counter()
     for i in range(steps):
@@ -229,7 +224,6 @@ def hosts(fmus: dict[str, Path], folder: Path, steps: int, repeats: int) -> list
     bare = fastest(repeats, lambda: bare_pair(fmus, folder, steps))
     master = fastest(repeats, lambda: master_pair(fmus, steps))
     other = fastest(repeats, lambda: libcosim_pair(fmus, steps))
-    as_other = bare_pair(fmus, folder, steps, first=0.0)
     return [
         *figures,
         Figure("both connected, bare FMPy loop", bare.pace, "s/s", "the next two are relative to this"),
@@ -237,8 +231,7 @@ def hosts(fmus: dict[str, Path], folder: Path, steps: int, repeats: int) -> list
         Figure("both connected, libcosim", other.pace / bare.pace, "x"),
         Figure("largest difference, cosim.master", np.abs(master.rows - bare.rows).max(), "N.m",
                f"of the trajectories, peak {np.abs(bare.rows).max():.0f} N.m"),
-        Figure("largest difference, libcosim", np.abs(other.rows - as_other.rows).max(), "N.m",
-               "from a loop that initializes like it: it passes on 0 until everybody is initialized"),
+        Figure("largest difference, libcosim", np.abs(other.rows - bare.rows).max(), "N.m", "it counts time otherwise"),
     ]
 
 

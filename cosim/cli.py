@@ -207,21 +207,21 @@ def _run(options: argparse.Namespace) -> tuple[Any, str]:
         except (Interrupted, SimulationError) as error:
             if error.result is None or error.result.time.size == 0:
                 raise
-            _save(error.result, out, _PARTIAL)
+            _save(error.result, out, _PARTIAL)  # beside the whole result of an earlier run, which is not less for it
             where = f"{error}; what was recorded until then is in {out / _PARTIAL[0]}"
             raise (KeyboardInterrupt if isinstance(error, Interrupted) else SimulationError)(where) from error
         seconds = time.perf_counter() - began
         _save(result, out, _RESULT)
+        for old in (*_PARTIAL, *_SHOWN):  # would be taken for something of this run
+            (out / old).unlink(missing_ok=True)
         return _report(scenario, result, out, seconds)
 
 
 def _save(result: Any, out: Path, names: tuple[str, str, str]) -> None:
-    """Write a result; what an earlier run wrote there goes, as it would be taken for something of this one."""
+    """Write a result under the names of its CSV, JSON and Parquet files."""
     csv, _, parquet = names
     result.to_csv(out / csv)
     result.to_parquet(out / parquet)
-    for old in {*_RESULT, *_PARTIAL, *_SHOWN}.difference(names):
-        (out / old).unlink(missing_ok=True)
 
 
 def _report(scenario: Any, result: Any, out: Path, seconds: float) -> tuple[Any, str]:

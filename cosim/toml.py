@@ -16,7 +16,9 @@ _KEY = r'(?:"[^"]*"|\'[^\']*\'|[A-Za-z0-9_-]+)'
 _DOTTED = rf"({_KEY}(?:\s*\.\s*{_KEY})*)"
 _HEADER = re.compile(rf"\s*\[\[?\s*{_DOTTED}\s*\]")
 _ENTRY = re.compile(rf"\s*{_DOTTED}\s*=")
-_TEXT_OF_LINES = re.compile(r'"""(?:\\.|[^\\])*?"""|\'\'\'.*?\'\'\'', re.DOTALL)
+# Texts of several lines; and before them what may hold their marks: comments and texts of one line.
+_TEXTS = re.compile(
+    r'#[^\n]*|(?P<lines>"""(?:\\.|[^\\])*?"""|\'{3}.*?\'{3})|"(?:\\.|[^"\\\n])*"|\'[^\'\n]*\'', re.DOTALL)
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,8 @@ class TomlFile:
         """The line of a key, or of the innermost table around it that has one of its own."""
         best, best_length, header = None, 0, ()
         # what stands in a text of several lines is no key, whatever it looks like
-        without_texts = _TEXT_OF_LINES.sub(lambda found: "\n" * found[0].count("\n"), self.text)
+        without_texts = _TEXTS.sub(
+            lambda found: "\n" * found[0].count("\n") if found["lines"] else found[0], self.text)
         for number, line in enumerate(without_texts.split("\n"), start=1):
             if found := _HEADER.match(line):
                 here = header = self._keys(found[1])

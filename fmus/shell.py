@@ -22,6 +22,7 @@ from pythonfmu.enums import Fmi2Status
 from pythonfmu.fmi2slave import Fmi2Slave
 
 MODEL_FILE = "model.json"
+_BEFORE, _RUNNING, _INITIALIZING = range(3)  # phases, as snapshots have them
 
 
 class SlaveError(Exception):
@@ -54,10 +55,9 @@ class ModelSlave(Fmi2Slave):
         self.model = self.models[described["model"]](described["start_values"])
         self.start_time = 0.0
         self._outputs = self._settable("output")
-        # whether initialization mode is on, and what was set in it since outputs were computed
-        self._initializing = self._stale = False
-        self._free_by_phase = {False: self._settable("parameter", "input"), True: self._settable("input")}
-        self._enter(running=False)
+        before = self._settable("parameter", "input")
+        self._free_by_phase = {_BEFORE: before, _INITIALIZING: before, _RUNNING: self._settable("input")}
+        self._enter(_BEFORE)
 
     def _settable(self, *causalities: str) -> dict[str, frozenset[int]]:
         """Value references of these causalities, by kind."""
@@ -68,10 +68,11 @@ class ModelSlave(Fmi2Slave):
             for kind in ("real", "integer", "boolean")
         }
 
-    def _enter(self, *, running: bool) -> None:
+    def _enter(self, phase: int) -> None:
         """Note the phase, and which variables may be set in it without further ado."""
-        self.running = running
-        self._free = self._free_by_phase[running]
+        self._phase = phase
+        self._stale = phase == _INITIALIZING  # whether outputs that are asked for are to be computed first
+        self._free = self._free_by_phase[phase]
 
     def _fail(self, error: Exception) -> NoReturn:
         """Tell the host, which logs the exception, and standard error, because it may log nothing."""
@@ -100,7 +101,7 @@ class ModelSlave(Fmi2Slave):
         self.start_time = start_time
 
     def enter_initialization_mode(self) -> None:
-        self._initializing = self._stale = True
+        self._enter(_INITIALIZING)
         self._forward_log()
 
     def _compute(self, kind: str, vrs: list[int]) -> None:
@@ -112,17 +113,16 @@ class ModelSlave(Fmi2Slave):
             return
         try:
             self.model.initialize(self.start_time)
-        except (ValueError, ArithmeticError):
+        except Exception:
             return
         self._stale = False
 
     def exit_initialization_mode(self) -> None:
-        self._initializing = self._stale = False
         try:
             self.model.initialize(self.start_time)
         except Exception as error:
             self._fail(error)
-        self._enter(running=True)
+        self._enter(_RUNNING)
         self._forward_log()
 
     def do_step(self, current_time: float, step_size: float) -> bool:
@@ -174,7 +174,7 @@ class ModelSlave(Fmi2Slave):
         if not self._free[kind].issuperset(vrs):
             self._set_with_care(kind, vrs, values)
             return
-        self._stale = self._initializing
+        self._stale = self._phase == _INITIALIZING
         held = self.model.values
         for vr, value in zip(vrs, values, strict=True):
             held[vr] = value
@@ -190,14 +190,14 @@ class ModelSlave(Fmi2Slave):
                     raise ValueError(f"{variable.name} is {variable.kind}, not {kind}")
                 if variable.causality == "output":
                     raise ValueError(f"{variable.name} is an output: it cannot be set")
-                if variable.causality == "parameter" and self.running:
+                if variable.causality == "parameter" and self._phase == _RUNNING:
                     if variable.variability != "tunable":
                         raise ValueError(f"{variable.name} is a fixed parameter: it can only be set before "
                                          "the end of the initialization")
                     variable.check(float(value))
             for vr, value in zip(vrs, values, strict=True):
                 self.model.values[vr] = value
-            if self.running:
+            if self._phase == _RUNNING:
                 self.model.retune()
         except Exception as error:
             self._fail(error)
@@ -206,7 +206,7 @@ class ModelSlave(Fmi2Slave):
 
     def _get_fmu_state(self) -> bytes:
         try:
-            return bytes([self.running]) + self.model.save()
+            return bytes([self._phase]) + self.model.save()
         except Exception as error:
             self._fail(error)
 
@@ -215,8 +215,7 @@ class ModelSlave(Fmi2Slave):
             self.model.restore(state[1:])
         except Exception as error:
             self._fail(error)
-        self._initializing = self._stale = False
-        self._enter(running=bool(state[0]))
+        self._enter(state[0])
 
     @staticmethod
     def _fmu_state_to_bytes(state: bytes) -> bytes:

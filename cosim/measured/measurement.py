@@ -111,9 +111,9 @@ class Manoeuvre:
 
     @property
     def zero(self) -> float:
-        """The last whole second [s] before its file begins: 0, or the time of day."""
+        """The whole second [s] in which its file begins, or just before which: 0, or the time of day."""
         begun = _begin(self.channels) if self.begun is None else self.begun
-        return float(np.floor(begun))
+        return float(np.floor(begun + 0.1))
 
     def from_zero(self) -> Manoeuvre:
         """The same, with clocks that count from ``zero``."""

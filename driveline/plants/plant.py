@@ -175,10 +175,11 @@ class Plant(KernelModel):
                 self.state[place] = float(self.state[net.plan[k.STATE_CLOCK] + k.GEAR] != 0.0)
 
     def _fill_air_path(self) -> None:
-        """An engine gives what it was asked for before, also where nothing else is steady: with an open clutch."""
+        """An engine that turns gives what it was asked for before, also where nothing else is steady: with an open
+        clutch."""
         rates, _ = self.rates()
         for row in self._branch_rows():
-            if row[k.LAW] == k.ENGINE:
+            if row[k.LAW] == k.ENGINE and self.state[row[k.NODE_A]] > 0.0:
                 lag = self.network.constants[row[k.PARAMETER] + 11]
                 self.state[row[k.TWIST]] += lag * rates[row[k.TWIST]]
 

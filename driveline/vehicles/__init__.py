@@ -33,9 +33,8 @@ class Vehicle:
         name: Name of the vehicle file without its ending.
         variant: ``baseline`` (the file as written) or the name of the variant applied to it.
         values: Structured name (``axle_shaft.stiffness``, ``transmission.ratio[7]``) to value in SI.
-        sources: The same names to where the number comes from.
-        units: The same names to the unit the file used.
-        places: The same names to "file, line N", for messages.
+        sources, units, places: Of what stands in the file, the same names to where the number comes from, to the unit
+            the file used, and to "file, line N", for messages.
         gearbox: The planetary gearbox the ratios came from; None for a plain ratio table.
     """
 
@@ -69,10 +68,11 @@ class Vehicle:
         """
         declared = {v.name: v for v in variables if v.causality == "parameter"}
         for name, value in self.values.items():
-            place = self.places[name]
+            place = self.places.get(name, self.name)
             if name not in declared:
                 raise InputError(f"{place}: {_unknown(name, declared)}")
-            variable, unit = declared[name], self.units[name]
+            variable = declared[name]
+            unit = self.units.get(name, variable.unit)
             if not _same_dimension(unit, variable.unit):
                 raise InputError(f"{place}: {name} is given in {unit!r}: "
                                  f"{variable.unit!r} or a unit of its dimension is needed")
@@ -367,4 +367,4 @@ def _same_dimension(unit: str, other: str) -> bool:
 
 def _turns(unit: str) -> bool:
     """Whether a unit says that something turns."""
-    return re.search("rpm|rad|deg|rev|turn", unit) is not None
+    return re.search("rpm|rad|deg|turn", unit) is not None

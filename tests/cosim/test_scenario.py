@@ -184,6 +184,9 @@ def test_a_line_is_found_beside_texts_that_look_like_keys(folder):
     text = TEXT.replace('title = "Lag and counter"', 'title = """\n"quoted = 1\nstep = 2\n[fmu.a.parameters]\n"""')
     with pytest.raises(InputError, match=r"line 15: fmu.a.parameters.time_constant: .*'kg'"):
         Scenario.load(write(folder, text.replace('"50 ms"', '"50 kg"'))).master()
+    marks = TEXT.replace('title = "Lag and counter"', '# once """ here\ntitle = "\'\'\'"') + '\n# and """ here\n'
+    with pytest.raises(InputError, match=r"line 12: fmu.a.parameters.time_constant: .*'kg'"):
+        Scenario.load(write(folder, marks.replace('"50 ms"', '"50 kg"'))).master()
 
 
 def test_a_mark_at_the_beginning_of_the_file_is_no_obstacle(folder):

@@ -192,6 +192,24 @@ def test_outputs_in_initialization_mode_are_those_at_its_end(toy, fmus, load, na
     assert host.run(0, 20) == other.run(0, 20)
 
 
+def test_snapshot_from_the_initialization(fmus, load):
+    """What is set after it is restored acts on outputs again."""
+    host = load(fmus["plant_fom"])
+    host.setupExperiment()
+    host.enterInitializationMode()
+    host["start.vehicle_speed"] = 12.0
+    before = host.outputs()
+    snapshot = host.getFMUState()
+    host["start.vehicle_speed"] = 20.0
+    faster = host.outputs()
+    host.setFMUState(snapshot)
+    assert host.outputs() == before != faster
+    host["start.vehicle_speed"] = 20.0
+    assert host.outputs() == faster
+    host.exitInitializationMode()
+    assert host.outputs() == faster
+
+
 def test_what_cannot_be_initialized_yet_is_told_at_the_end_of_initialization(toy, load):
     host = load(toy.fmu)
     host.setupExperiment()

@@ -53,7 +53,10 @@ def profit(source: Vehicle, changes: Mapping[str, float], runs: Sequence[Run]) -
 def _heard(name: str, vehicle: Vehicle, run: Run) -> dict[str, float]:
     """What an estimator says of one recording."""
     kind = ESTIMATORS[name]
-    values = kind.defaults_from(vehicle, run.gear)
+    try:
+        values = kind.defaults_from(vehicle, run.gear)
+    except InputError:  # a vehicle that no file could hold
+        return {}
     model = kind(values)
     for key, value in values.items():
         model[key] = value

@@ -10,6 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 from scipy.interpolate import CubicSpline
+from scipy.ndimage import median_filter
 
 from cosim.diagnosis.plants.base import SHORTEST, InstrumentedPlant, compared
 from cosim.diagnosis.plants.gaps import gaps, known
@@ -31,7 +32,9 @@ RUNS = 6  # at most so many stretches of one long recording
 _IMPULSE = 0.1  # N.m.s: a gap in which less may have been lost is no more than the torque wanders by
 _GAPS = 6  # of a run that are estimated; a slow logger has one after the other, and each takes simulations
 _FINE = 0.02  # s: how finely the gear, and whether clutch and brake let it be compared, are looked at in a drive
-_IN_GEAR = 0.04  # by which a ratio may be off its gear's: slip of tyres and clutch; closest gears are 8 % apart
+# By how much the ratio of speeds may be off its gear's, by slip of tyres and clutch, and by how much that of all gears,
+# by what a vehicle file may have wrong; the closest gears are 8 % apart.
+_IN_GEAR, _COMMON = 0.04, 0.08
 LOCKED = 8.0  # rad/s: a lock-up clutch that is closed slips less, by its control, through a step of torque too
 
 
@@ -224,8 +227,9 @@ class FullOrderCar(InstrumentedPlant):
 
     def _cut(self, manoeuvre: Manoeuvre) -> tuple[list[Run], list[Run]]:
         """Its liveliest stretches and the others, each in order of time."""
+        manoeuvre = self._alive(manoeuvre)
         self._driven(manoeuvre)
-        present = _alive(manoeuvre, [name for name in self.channels if name in manoeuvre])
+        present = [name for name in self.channels if name in manoeuvre]
         if not any(name.endswith("speed") for name in present):
             raise InputError(f"manoeuvre '{manoeuvre.name}' has no speed: at least one of "
                              f"{', '.join(self.channels[:5])} is needed")
@@ -242,23 +246,43 @@ class FullOrderCar(InstrumentedPlant):
         chosen, others = (sorted(some, key=lambda run: run.start) for some in (lively[:RUNS], lively[RUNS:]))
         return chosen, others
 
-    def _spans(self, manoeuvre: Manoeuvre, start: float, stop: float) -> list[tuple[float, float]]:
-        """Stretches of constant gear, none longer than ``LONGEST``.
+    def _alive(self, manoeuvre: Manoeuvre) -> Manoeuvre:
+        """Without what always reads the same: such a sensor was not there."""
+        dead = [name for name in self.channels if name in manoeuvre and np.ptp(manoeuvre[name].values) == 0.0]
+        for name in dead:
+            log.warning("%s: %s always reads %g, so it is left out", manoeuvre.name, name, manoeuvre[name].values[0])
+        channels = {name: channel for name, channel in manoeuvre.channels.items() if name not in dead}
+        return dataclasses.replace(manoeuvre, channels=channels) if dead else manoeuvre
 
-        What gear a drive was in the speeds tell where nobody else does.
+    def _in_gear(self, manoeuvre: Manoeuvre, start: float, stop: float) -> list[tuple[float, float]]:
+        """Parts of one gear each; what gear a drive was in the speeds tell where nobody else does.
+
+        Raises:
+            InputError: The speeds have the ratio of no gear.
         """
-        edges = [start, stop]
         if "gear" in manoeuvre:
             gear = manoeuvre["gear"]
             change = np.flatnonzero(np.diff(gear.values)) + 1
             inside = (gear.time[change] > start) & (gear.time[change] < stop)
             edges = [start, *gear.time[change][inside].tolist(), stop]
-        elif manoeuvre.kind == "drive" and manoeuvre.gear is None:
-            times = np.arange(start, stop, _FINE)
-            gears = self._gears_at(self._ratio(manoeuvre, times))
-            edges = [start, *times[np.flatnonzero(np.diff(gears)) + 1].tolist(), stop]
+            return list(zip(edges, edges[1:]))
+        if manoeuvre.kind != "drive" or manoeuvre.gear is not None:
+            return [(start, stop)]
+        times = np.arange(start, stop, _FINE)
+        ratios = self._ratio(manoeuvre, times)
+        gears = self._gears_at(ratios)
+        if not gears.any():
+            known = ", ".join(f"{self.values['final_drive.ratio'] * ratio:.3g}" for ratio in self.gears.values())
+            raise InputError(f"manoeuvre '{manoeuvre.name}': before the gears it turns {np.median(ratios):.3g} times "
+                             f"as fast as the wheels, in gear {known} times: write gear = N in its [[manoeuvre]]")
+        edges = np.flatnonzero(np.diff(gears, prepend=-1, append=-1))
+        ends = [*times.tolist(), stop]
+        return [(ends[a], ends[b]) for a, b in zip(edges, edges[1:]) if gears[a]]
+
+    def _spans(self, manoeuvre: Manoeuvre, start: float, stop: float) -> list[tuple[float, float]]:
+        """Stretches of constant gear, none longer than ``LONGEST``."""
         spans = []
-        for begin, end in zip(edges, edges[1:]):
+        for begin, end in self._in_gear(manoeuvre, start, stop):
             # what a shift shakes up rings down first; the clutches of the next shift begin before its flag
             begin, end = begin + 0.8 * (begin != start), end - 0.3 * (end != stop)
             for first, last in _coupled(manoeuvre, begin, end):
@@ -297,7 +321,7 @@ class FullOrderCar(InstrumentedPlant):
     def gear_of(self, ratio: float) -> int:
         """The gear in which the turbine turns most nearly so many times as fast as the wheels."""
         gears, final = self.gears, self.values["final_drive.ratio"]
-        return min(gears, key=lambda gear: abs(np.log(final * gears[gear] / ratio)))
+        return min(gears, key=lambda gear: abs(np.log(final * gears[gear] / max(ratio, 1e-3))))
 
     def rolling(self, gear: int) -> dict[str, float]:
         """The vehicle's speed [m/s] over every other, without slip; the nearest to it first.
@@ -311,17 +335,25 @@ class FullOrderCar(InstrumentedPlant):
         return behind | (dict.fromkeys(("turbine_speed", "engine_speed"), radius / (final * ratio)) if ratio else {})
 
     def _gear(self, manoeuvre: Manoeuvre, start: float, stop: float) -> int:
-        """The gear whose ratio the measured speeds have; 0 in a drive where they have none."""
-        ratio = float(np.median(self._ratio(manoeuvre, np.linspace(start, stop, 200))))
-        best = int(self._gears_at(np.array([ratio]))[0]) if manoeuvre.kind == "drive" else self.gear_of(ratio)
+        """The gear whose ratio the measured speeds have."""
+        best = self.gear_of(float(np.median(self._ratio(manoeuvre, np.linspace(start, stop, 200)))))
         log.info("%s: the speeds say gear %d", manoeuvre.name, best)
         return best
 
     def _gears_at(self, ratios: np.ndarray) -> np.ndarray:
-        """The gear of every one of some ratios; 0 where it is none, as in a shift or with an open converter."""
+        """The gear at every instant of a drive by its ratios; 0 where it is none, as in a shift.
+
+        By their median over a second, which a lash that is crossed does not reach, and less what all have in common:
+        a radius or a ratio that is not the file's.
+        """
         gears = np.array(sorted(self.gears))
         known = np.log([self.values["final_drive.ratio"] * self.gears[gear] for gear in gears])
-        off = np.abs(np.log(np.maximum(ratios, 1e-3))[:, None] - known)
+        seen = np.log(np.maximum(median_filter(ratios, round(1.0 / _FINE) + 1, mode="nearest"), 1e-3))
+        nearest = np.abs(seen[:, None] - known).argmin(axis=1)
+        common = float(np.median(seen - known[nearest]))
+        if abs(common) < _COMMON:
+            seen = seen - common
+        off = np.abs(seen[:, None] - known)
         return np.where(off.min(axis=1) < _IN_GEAR, gears[off.argmin(axis=1)], 0)
 
     def _ratio(self, manoeuvre: Manoeuvre, times: np.ndarray) -> np.ndarray:
@@ -363,14 +395,6 @@ def _leading(shown: CubicSpline, errors: Errors, start: float, steps: int) -> tu
 def _anchors(manoeuvre: Manoeuvre) -> dict[str, CubicSpline]:
     """The channel at either end of the driveline, as far as there is one."""
     return {name: CubicSpline(manoeuvre[name].time, manoeuvre[name].values) for name in ANCHORS if name in manoeuvre}
-
-
-def _alive(manoeuvre: Manoeuvre, names: Sequence[str]) -> list[str]:
-    """The channels that change at all: a sensor that always reads the same was not there."""
-    dead = [name for name in names if np.ptp(manoeuvre[name].values) == 0.0]
-    for name in dead:
-        log.warning("%s: %s always reads %g, so it is left out", manoeuvre.name, name, manoeuvre[name].values[0])
-    return [name for name in names if name not in dead]
 
 
 def _coupled(manoeuvre: Manoeuvre, begin: float, end: float) -> list[tuple[float, float]]:

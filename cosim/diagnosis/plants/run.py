@@ -44,7 +44,7 @@ class Run:
         name: Of the manoeuvre, with a number where it was cut.
         kind: Of the manoeuvre.
         gear: At the start.
-        start: Begin of the simulation [s] on the recording's clock.
+        start: Begin of the simulation [s] on the recording's clock, which counts from where its file began.
         inputs: Steps x inputs of the plant.
         start_speed: Vehicle speed at the start as far as it was measured [m/s].
         clocks: Instants [s] at which each channel is compared.

@@ -1,9 +1,14 @@
+from dataclasses import replace
+
 import pytest
 
+from cosim.diagnosis.catalogue import CATALOGUE
+from cosim.diagnosis.gain.extend import changed_values
 from cosim.diagnosis.gain.profit import profit
 from cosim.diagnosis.hidden import hide
 from cosim.diagnosis.plants import FullOrderCar
 from cosim.measured import load
+from driveline.estimators import ESTIMATORS
 
 
 def test_estimators_are_less_surprised_by_the_vehicle_that_was_driven(tmp_path):
@@ -24,3 +29,16 @@ def test_who_had_nothing_to_do_is_left_out(tmp_path):
     measurement = load(tmp_path / "m")
     car = FullOrderCar(measurement.vehicle, measurement.variant)
     assert {row["estimator"] for row in profit(car.source, {}, car.runs(measurement))} == {"DSKSE"}
+
+
+@pytest.mark.parametrize("name", [name for name, effect in CATALOGUE.items() if effect.kind == "plant"])
+def test_whatever_the_extended_vehicle_has_estimators_can_be_made_for_it(name):
+    """Also what its file does not mention, as a drag."""
+    car = FullOrderCar("pickup_10r80", "modified")
+    effect = CATALOGUE[name]
+    sizes = {p.name: p.within(p.size(2.0 * p.detection), car.values) for p in effect.parameters}
+    changes = changed_values(car.values, effect.changes(sizes, car.values))
+    extended = replace(car.source, values={**car.source.values, **changes})
+    for estimator in ESTIMATORS.values():
+        assert estimator.defaults_from(extended, 5)
+    assert profit(car.source, changes, []) == []

@@ -182,8 +182,33 @@ def test_where_the_speeds_have_no_gears_ratio_a_drive_is_not_compared():
     car = FullOrderCar("suv_6l80")
     between = 1.1 * car.gears[4] * car.values["final_drive.ratio"]
     odd = a_drive(car, (4,), turbine_speed=lambda t: between * (60.0 + np.sin(t)))
-    with pytest.raises(InputError, match="no stretch"):
+    with pytest.raises(InputError, match="3.9 times as fast as the wheels, in gear 12.4, 7.28, .*write gear = N"):
         car.runs(odd)
+
+
+@pytest.mark.parametrize(("wrong", "slips"), [(1.0, 0.06), (1.05, 0.0), (0.94, 0.06)])
+def test_a_lash_that_is_crossed_or_a_radius_that_is_wrong_is_no_shift(wrong, slips):
+    """A tip-in may carry the ratio off its gear's for a moment, which is what is to be looked at."""
+    car = FullOrderCar("suv_6l80")
+    ratio = wrong * car.gears[4] * car.values["final_drive.ratio"]
+
+    def turns(t):
+        return ratio * (60.0 + np.sin(t)) * (1.0 + slips * (np.abs(t - 5.0) < 0.05))
+
+    [run] = car.runs(a_drive(car, (4, 4), engine_speed=turns, turbine_speed=turns))
+    assert (run.gear, run.start) == (4, 0.0) and run.time[-1] > 13.9
+
+
+def test_a_dead_speed_neither_leads_the_plant_nor_tells_its_gear():
+    car = FullOrderCar("suv_6l80")
+    for dead in ("engine_speed", "turbine_speed"):
+        measured = a_drive(car, (4, 4), vehicle_speed=lambda t: 0.36 * (60.0 + np.sin(t)), **{dead: np.zeros_like})
+        [run] = car.runs(measured)
+        assert run.gear == 4 and dead not in run.clocks and dead not in run.anchors
+    [manoeuvre] = a_drive(car, (4, 4), vehicle_speed=np.zeros_like).manoeuvres
+    [run] = car.runs(Measurement("m", car.vehicle, None, (replace(manoeuvre, kind="ramp", gear=4),)))
+    assert "vehicle_speed" not in run.anchors
+    assert run.start_speed == pytest.approx(60.0 * car.values["tyre.radius"], rel=0.05)
 
 
 def test_a_sensor_that_always_reads_the_same_is_left_out(caplog):
