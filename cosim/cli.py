@@ -18,7 +18,15 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from cosim.diagnosis.judge.finding import balances, either, goes_with_words, in_doubt, joint_probability, missing
+from cosim.diagnosis.judge.finding import (
+    balances,
+    either,
+    goes_with_words,
+    in_doubt,
+    joint_probability,
+    lacking,
+    missing,
+)
 from driveline.quantities import InputError
 
 log = logging.getLogger("cosim")
@@ -312,7 +320,8 @@ def _summary(finding: dict[str, Any]) -> list[str]:
         lines.append(f"  unknown: a {what} at the {either(balances(unknown))} of {unknown['size']:.3g} {unit}; "
                      f"it goes with {goes_with_words(unknown)}")
     open_to = "is not excluded:" if in_doubt(finding) else "cannot be told from"
-    lines += [f"  {open_to} {', '.join(rival['effects'])} ({rival['separation_sigma']:.1f} sigma)"
+    lines += [f"  {open_to} {', '.join(rival['effects'])}{' alone' * lacking(finding, rival['effects'])} "
+              f"({rival['separation_sigma']:.1f} sigma)"
               for rival in finding["ambiguous_with"]]
     if proposed := finding["next_manoeuvre"]:
         gear = f" in gear {proposed['gear']}" if proposed["gear"] else ""  # a bench has none

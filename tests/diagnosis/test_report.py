@@ -254,6 +254,15 @@ def test_what_only_imitates_something_unknown_is_not_what_explains_it(base):
     assert "It is partly in a sensor, partly in the car itself." in said and "sensor: wheel speed" in said
 
 
+def test_a_further_cause_that_may_not_be_there_is_no_choice_between_two(base):
+    given = diagnosis(base, "ambiguous")
+    given.finding |= {"together": ["shaft_stiffness", "wheel_speed_delay"], "ambiguous_with": [
+        {"effects": ["shaft_stiffness"], "separation_sigma": 1.2}]}
+    said = " ".join(words(render(given)).split())
+    assert "Shaft stiffness; whether wheel speed delay too, these recordings cannot tell" in said
+    assert "shaft stiffness alone" in said
+
+
 def test_what_is_to_be_driven_next_is_told_of_a_bench_without_a_gear():
     following = {"kind": "coast_down", "gear": 0, "separation_sigma": 5.0, "why": "the two differ in inline_torque"}
     rival = {"effects": ["driveline_damping"], "separation_sigma": 1.0}

@@ -49,6 +49,11 @@ def as_well(finding: Mapping[str, Any]) -> list[str]:
     return list(dict.fromkeys(effect for entry in finding["ambiguous_with"] for effect in entry["effects"]))
 
 
+def lacking(finding: Mapping[str, Any], effects: Collection[str]) -> bool:
+    """Whether some effects are what is named without one of it."""
+    return set(effects) < set(finding["together"])
+
+
 def in_doubt(finding: Mapping[str, Any]) -> bool:
     """Whether nothing is named, but something is not excluded either: ``ambiguous_with`` says what."""
     return finding["verdict"] == "none" and bool(finding["ambiguous_with"])

@@ -16,7 +16,7 @@ from cosim.diagnosis.fit.noise import Noise
 from cosim.diagnosis.fit.predict import Coordinate, Predictor, coordinates
 from cosim.diagnosis.plants import SETTLE, STEP, FullOrderCar, Run
 from cosim.diagnosis.plants.car import led_by
-from cosim.diagnosis.search.identify import APART, Identification, signed, trusted
+from cosim.diagnosis.search.identify import APART, LACKING, Identification, signed, trusted
 from cosim.diagnosis.search.reach import around, instead_of, twins
 from driveline.elements.road_load import GRAVITY
 from driveline.quantities import InputError
@@ -116,13 +116,20 @@ def propose(fitter: Fitter, found: Identification, rivals: Sequence[Fit]) -> Pro
 def _chance(apart: np.ndarray, fits: Sequence[Fit], likely: np.ndarray) -> float:
     """That whichever is true stands alone: what is promised is not sure, and a hopeless rival is the same for all.
 
-    A cause that is not there goes away, but never stands out as wrong: none only has to be behind. And if none is true
-    nothing is left to tell.
+    A cause that is not there goes away, but never stands out as wrong: what has it beside the true ones only has to be
+    behind, as has none. And if none is true nothing is left to tell.
     """
     caused = np.array([bool(fit.causes) for fit in fits])
-    told = norm.cdf((apart - np.where(caused, APART, 0.0)) / _UNSURE)
+    told = norm.cdf((apart - np.array([[_needed(true, other) for other in fits] for true in fits])) / _UNSURE)
     np.fill_diagonal(told, 1.0)
     return float(np.average(np.prod(told, axis=1)[caused], weights=likely[caused]))
+
+
+def _needed(true: Fit, other: Fit) -> float:
+    """How far behind what is true another supposition has to be to be told from it [sigma]."""
+    if not other.causes or set(true.causes) < set(other.causes):
+        return 0.0
+    return LACKING if set(other.causes) < set(true.causes) else APART
 
 
 def _wide(fitter: Fitter, found: Identification, fits: Sequence[Fit]) -> list[list[tuple[float, Fit]]]:

@@ -15,7 +15,7 @@ from cosim.diagnosis.judge.finding import something_else
 from cosim.diagnosis.judge.localise import disturbances
 from cosim.diagnosis.judge.shafts import Bent
 from cosim.diagnosis.search.detectable import would_show
-from cosim.diagnosis.search.identify import APART, Identification
+from cosim.diagnosis.search.identify import APART, LACKING, Identification
 
 LIKELY = 0.05  # causes less probable are not listed
 # Of all causes together, from which on a verdict of none says what is not excluded: one chance in five (a judgement).
@@ -52,13 +52,15 @@ def probabilities(declared: Sequence[Coordinate], found: Identification, effects
 
 
 def rivals_of(found: Identification) -> list[tuple[Fit, float]]:
-    """Other suppositions with an effect that the best has not, and their distance in sigma."""
-    rivals = []
+    """Suppositions that the best cannot be told from, with an effect that it has not or without one that it has, and
+    their distance in sigma."""
+    rivals, named = [], set(found.best.effects)
     for fit in found.alternatives:
-        distance = found.apart(fit)
-        if set(fit.effects) - set(found.best.effects) and len(fit.causes) <= max(1, len(found.best.causes)):
-            if distance < APART:
-                rivals.append((fit, distance))
+        distance, effects = found.apart(fit), set(fit.effects)
+        other = effects - named and len(fit.causes) <= max(1, len(found.best.causes))
+        lacking = effects and effects < named
+        if other and distance < APART or lacking and distance < LACKING:
+            rivals.append((fit, distance))
     return rivals
 
 
@@ -70,10 +72,11 @@ def not_excluded(rivals: Sequence[tuple[Fit, float]], shares: Mapping[str, float
 
 
 def told_once(best: Fit, rivals: Sequence[tuple[Fit, float]]) -> list[dict[str, Any]]:
-    """What the best supposition cannot be told from, as ``finding.json`` has it: the same other effects once."""
+    """What the best supposition cannot be told from, as ``finding.json`` has it: the same other effects once, and of
+    what lacks one of its own all that it has."""
     nearest: dict[tuple[str, ...], float] = {}
     for fit, distance in rivals:
-        others = tuple(sorted(set(fit.effects) - set(best.effects)))
+        others = tuple(sorted(set(fit.effects) - set(best.effects) or fit.effects))
         nearest[others] = min(distance, nearest.get(others, distance))
     return [{"effects": list(others), "separation_sigma": distance} for others, distance in nearest.items()]
 

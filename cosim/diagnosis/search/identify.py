@@ -35,6 +35,9 @@ from cosim.diagnosis.search.scan import Scan, best_of_each, key, renamed
 log = logging.getLogger("cosim")
 
 APART = 3.0  # sigma: rivals closer than this cannot be told from the best
+# sigma: a rival that lacks a cause of the best cannot be told from it where it is closer than this, one chance in four
+# (a judgement). Whether a further cause is there is no choice between two, for which as much is asked as above.
+LACKING = 1.5
 _AFRESH = 2  # suppositions that are fitted by derivatives of their own where a search begins anew
 _FIRST = 3  # causes beside which every other is tried where no cause alone explains a recording
 _TEMPER = 2.0  # of differences in evidence, at least: a plant of another structure errs by some units

@@ -19,6 +19,7 @@ from cosim.diagnosis.judge.finding import (
     goes_with_words,
     in_doubt,
     joint_probability,
+    lacking,
     missing,
 )
 from cosim.report import svg
@@ -175,7 +176,8 @@ def _rivals(finding: Mapping[str, Any]) -> list[dict[str, str]]:
     for rival in finding["ambiguous_with"] if finding["verdict"] != "none" else ():
         sigma = rival["separation_sigma"]
         said = ("cannot be told apart" if sigma < _SAME else "hardly told apart" if sigma < _CLOSE else "told apart")
-        rows.append({"names": " with ".join(map(words, rival["effects"])), "sigma": f"{sigma:.1f}", "said": said})
+        names = " with ".join(map(words, rival["effects"])) + " alone" * lacking(finding, rival["effects"])
+        rows.append({"names": names, "sigma": f"{sigma:.1f}", "said": said})
     return rows
 
 

@@ -6,7 +6,16 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from cosim.diagnosis.catalogue import CATALOGUE
-from cosim.diagnosis.judge.finding import as_well, balances, believed, either, goes_with_words, in_doubt, missing
+from cosim.diagnosis.judge.finding import (
+    as_well,
+    balances,
+    believed,
+    either,
+    goes_with_words,
+    in_doubt,
+    lacking,
+    missing,
+)
 from cosim.report import svg
 from cosim.report.diagnosis.text import dotted, with_unit, words
 
@@ -30,6 +39,11 @@ def headline(finding: Mapping[str, Any]) -> str:
     if verdict == "cause" and causes:
         return "; ".join(f"{words(c['effect']).capitalize()}: {moved(c)}" for c in named_causes(finding))
     if verdict == "ambiguous":
+        together = finding["together"]
+        sure = set(together).intersection(*(rival["effects"] for rival in finding["ambiguous_with"]))
+        if sure and all(lacking(finding, rival["effects"]) for rival in finding["ambiguous_with"]):
+            known, perhaps = ([words(e) for e in together if (e in sure) is yes] for yes in (True, False))
+            return f"{' and '.join(known).capitalize()}; whether {either(perhaps)} too, these recordings cannot tell"
         names = list(dict.fromkeys(
             [words(c["effect"]) for c in causes]
             + [" with ".join(map(words, rival["effects"])) for rival in finding["ambiguous_with"]]))

@@ -12,7 +12,7 @@ from cosim.diagnosis.fit.predict import Predictor, coordinates
 from cosim.diagnosis.hidden import hide
 from cosim.diagnosis.judge import proposal
 from cosim.diagnosis.plants import FullOrderCar
-from cosim.diagnosis.search.identify import APART
+from cosim.diagnosis.search.identify import APART, LACKING
 from cosim.measured import load
 
 
@@ -125,6 +125,14 @@ def test_to_be_healthy_is_a_rival_but_nothing_that_a_recording_would_show(health
     ([[0.0, -9.0], [-9.0, 0.0]], [1.0, 1.0], 0.0)])
 def test_the_chance_is_that_of_whichever_is_true(apart, likely, chance):
     fits = [SimpleNamespace(causes=(cause,)) for cause in "ab"]
+    assert proposal._chance(np.array(apart), fits, np.array(likely)) == pytest.approx(chance, abs=0.005)
+
+
+@pytest.mark.parametrize(("apart", "likely", "chance"), [
+    ([[0.0, LACKING], [0.0, 0.0]], [1.0, 1.0], 0.5),  # either way just as far as is asked for
+    ([[0.0, 9.0], [9.0, 0.0]], [1.0, 1.0], 1.0), ([[0.0, 9.0], [-9.0, 0.0]], [1.0, 1.0], 0.5)])
+def test_a_further_cause_that_is_not_there_only_has_to_be_behind(apart, likely, chance):
+    fits = [SimpleNamespace(causes=("a", "b")), SimpleNamespace(causes=("a",))]
     assert proposal._chance(np.array(apart), fits, np.array(likely)) == pytest.approx(chance, abs=0.005)
 
 

@@ -13,6 +13,7 @@ from cosim.diagnosis.judge.verdict import (
     is_strange,
     not_excluded,
     probabilities,
+    rivals_of,
     told_once,
 )
 
@@ -53,6 +54,17 @@ def test_what_it_could_be_as_well_is_told_once_at_its_nearest():
     assert told_once(best, list(zip(others, (0.4, 0.2, 1.0)))) == [
         {"effects": ["rolling_resistance"], "separation_sigma": 0.2},
         {"effects": ["coulomb_drag"], "separation_sigma": 1.0}]
+
+
+@pytest.mark.parametrize(("behind", "rivals"), [(1.0, 1), (1.6, 0)])
+def test_a_further_cause_that_may_as_well_not_be_there_is_told_so(behind, rivals):
+    """One chance in four that it is not is enough; and nothing wrong is no rival here."""
+    best, lacking, healthy, other = (SimpleNamespace(effects=effects, causes=effects) for effects in (
+        ("backlash_size", "shaft_stiffness"), ("backlash_size",), (), ("backlash_size", "tyre_stiffness")))
+    apart = {id(best): 0.0, id(lacking): behind, id(healthy): 1.0, id(other): 3.1}
+    found = SimpleNamespace(best=best, alternatives=[best, lacking, healthy, other], apart=lambda fit: apart[id(fit)])
+    assert rivals_of(found) == [(lacking, behind)][:rivals]
+    assert told_once(best, rivals_of(found)) == [{"effects": ["backlash_size"], "separation_sigma": behind}][:rivals]
 
 
 @pytest.mark.parametrize(("shares", "told"), [
