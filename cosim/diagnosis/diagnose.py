@@ -41,7 +41,7 @@ log = logging.getLogger("cosim")
 _TOLD = 1.0  # N.m.s: impulse that may be lost where frames are, from which on that is said
 _COMPARED = 4  # rivals that a proposed manoeuvre has to tell from the best
 _DRAWS = 30  # healthy cars
-FIRING_ORDER = "torque_ripple.order"
+_FIRING_ORDER = "torque_ripple.order"
 
 
 @dataclass
@@ -219,7 +219,7 @@ def _driveline(diagnosis: Diagnosis, car: FullOrderCar, out: Path | None, worker
     roads = [on_its_road(car, car.values, run, floors) for run in runs]
     with Predictor(car, roads, coordinates(car, roads), workers) as freely:
         nominal, healthy = _healthy(freely, found.noise)
-    diagnosis.finding["wrong"] = [w.as_json() for w in wrong(runs, nominal, healthy, car.values[FIRING_ORDER])]
+    diagnosis.finding["wrong"] = [w.as_json() for w in wrong(runs, nominal, healthy, car.values[_FIRING_ORDER])]
     after = nominal
     if found.best.causes:
         roads = [on_its_road(car, predictor.values(point, r)[0], runs[r], floors) for r, point in enumerate(points)]
@@ -345,7 +345,7 @@ def _extend(diagnosis: Diagnosis, predictor: Predictor, found: Identification, o
     wanted, features = [(entry["signal"], entry["feature"]) for entry in diagnosis.finding["wrong"]], []
     for run in diagnosis.reserved:
         before, after = (car.predict(known(extended, run), roads[extended, run.name]) for extended in (False, True))
-        features += extend.read_off(run, before, after, wanted, car.values[FIRING_ORDER])
+        features += extend.read_off(run, before, after, wanted, car.values[_FIRING_ORDER])
         for name, clock in run.clocks.items():
             place = run.slices[name]
             diagnosis.traces[(run.name, name)] = (clock, run.measured[name], before[place], after[place])
