@@ -111,6 +111,8 @@ def _parser() -> argparse.ArgumentParser:
                        "out/diagnosis")
     diagnose.add_argument("measurement", type=Path, metavar="MEASUREMENT",
                           help="a folder with measurement.toml, or one data file with canonical names and units")
+    diagnose.add_argument("--vehicle", help="by name or file, where the measurement names none or another")
+    diagnose.add_argument("--variant", help="of that vehicle (default: none)")
     diagnose.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core)")
     diagnose.add_argument("--no-fmu", action="store_true",
                           help="the extended vehicle file alone, without its FMU")
@@ -290,9 +292,12 @@ def _diagnose(options: argparse.Namespace) -> tuple[Any, str]:
 
     if options.workers is not None and options.workers < 1:
         raise InputError(f"--workers {options.workers}: at least 1 is needed")
+    if options.variant is not None and options.vehicle is None:
+        raise InputError(f"--variant {options.variant}: --vehicle is needed with it")
     out = options.out or Path("out/diagnosis")
     with _all_or_nothing(out, _DIAGNOSED) as folder, _telling("diagnose") as say:
-        found = diagnose(options.measurement, folder, workers=options.workers, say=say,
+        found = diagnose(options.measurement, folder, vehicle=options.vehicle, variant=options.variant,
+                         workers=options.workers, say=say,
                          build=None if options.no_fmu else _build_extended)
     files = [str(path) for pattern in _DIAGNOSED for path in sorted(out.glob(pattern))]
     return found.finding, "\n".join([*_summary(found.finding), *files])
@@ -339,6 +344,8 @@ def _summary(finding: dict[str, Any]) -> list[str]:
 def _hide(options: argparse.Namespace) -> tuple[Any, str]:
     from cosim.diagnosis.hidden import hide
 
+    if options.seed < 0:
+        raise InputError(f"--seed {options.seed}: 0 or more is needed")
     out = options.out or Path("out/hidden")
     named = out if out.name not in ("", "..") else out.resolve()  # the folder we are in has no name as it is written
     truth = options.truth or named.parent / f"{named.name}.truth.json"

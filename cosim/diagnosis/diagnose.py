@@ -77,13 +77,14 @@ class Diagnosis:
 
 
 @threadpool_limits.wrap(limits=1)  # small matrices, and a process a core: more threads only wait for one another
-def diagnose(path: Path, out: Path | None = None, *, workers: int | None = None,
-             say: Callable[[str], None] = log.info,
+def diagnose(path: Path, out: Path | None = None, *, vehicle: str | None = None, variant: str | None = None,
+             workers: int | None = None, say: Callable[[str], None] = log.info,
              build: Callable[[Path, Path], Path] | None = None) -> Diagnosis:
     """Diagnose a measurement.
 
     Args:
         path: A measurement folder or data file.
+        vehicle, variant: By name or file, where they are not those that the measurement says; a data file says none.
         out: Where ``finding.json``, ``report.html``, the extended vehicle and FMU go; None: no files.
         workers: Processes; default: as many as there are processors.
         say: Told what happens.
@@ -94,6 +95,8 @@ def diagnose(path: Path, out: Path | None = None, *, workers: int | None = None,
     """
     began = time.perf_counter()
     measurement = load(path)
+    if vehicle is not None:
+        measurement = replace(measurement, vehicle=vehicle, variant=variant)
     car = plant_for(measurement)
     stretches, further = car.stretches(measurement)
     if isinstance(car, FullOrderCar):

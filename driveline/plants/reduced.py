@@ -137,7 +137,8 @@ class Lumps:
 
     Shafts are complex stiffnesses k + c s at the complex frequency ``s`` [1/s] of a decaying
     vibration. ``output`` and ``propeller`` are at the propeller shaft, ``ring`` and what follows at
-    the wheels.
+    the wheels. ``transmission`` is so stiff as it is to the vibration, ``transmission_twist`` as its ends twist against
+    one another: they differ where a flywheel lies within the engine's inertia.
     """
 
     s: complex
@@ -148,6 +149,7 @@ class Lumps:
     hubs: float
     belts: float
     transmission: complex
+    transmission_twist: complex
     propeller: complex
     axle: complex
     tyre: complex
@@ -182,15 +184,16 @@ def lumps(p: FullOrderParameters, gear: int, s: complex, speed: float, torque: f
         raise InputError(f"torque is {torque:g} N.m: in gear {gear} that is more than the tyres can transmit")
     patch = (1.0 - used) * tyre.slip_stiffness / tyre.relaxation_length * s / (
         s + abs(speed) / (tyre.relaxation_length * (1.0 - used)))
-    before = [shaft.stiffness + s * shaft.damping for shaft in (p.damper, p.transmission)]
+    transmission = twist = series(*(shaft.stiffness + s * shaft.damping for shaft in (p.damper, p.transmission))) * i**2
     if p.dual_mass_flywheel.enabled:
         # all inertia of the engine is lumped behind it, and of that it carries what turns before it: so much of the
         # torque, and the square of that of the elastic energy
-        flywheel, share = p.dual_mass_flywheel, p.engine.inertia / engine
-        before.append((flywheel.stiffness + s * flywheel.damping) / share**2)
+        share = p.engine.inertia / engine
+        flywheel = (p.dual_mass_flywheel.stiffness + s * p.dual_mass_flywheel.damping) * i**2
+        transmission, twist = series(transmission, flywheel / share**2), series(twist, flywheel)
     return Lumps(
         s=s, ratio=i, engine=engine, output=output, ring=ring, hubs=hubs, belts=belts,
-        transmission=series(*before) * i**2,
+        transmission=transmission, transmission_twist=twist,
         propeller=series(prop.stiffness + s * prop.damping, final.mesh_stiffness + s * final.mesh_damping),
         axle=2.0 * (axle.stiffness + s * axle.damping),
         tyre=2.0 * series(tyre.stiffness + s * tyre.damping, patch * tyre.radius**2),
@@ -333,7 +336,7 @@ def three_mass_at_hub(p: FullOrderParameters, gear: int = 5, speed: float = 12.0
     carried = 1.0 - flank * p.final_drive.loss_fraction
     behind = i_fd / p.tyre.radius
     drag = (p.final_drive.loss_constant + _transfer_drag(p) * behind * speed) * behind
-    shafts = series(parts.transmission, parts.propeller, parts.axle / (carried * i_fd**2))
+    shafts = series(parts.transmission_twist, parts.propeller, parts.axle / (carried * i_fd**2))
     return ThreeMassDriveline(
         engine_inertia=parts.engine,
         final_drive_inertia=parts.ring + parts.hubs + parts.output * i_fd**2,

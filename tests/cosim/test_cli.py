@@ -232,7 +232,7 @@ def diagnosing(monkeypatch):
     """What ``diagnose`` writes and then raises, in place of the pipeline; its options as they arrive."""
     state = SimpleNamespace(files={"finding.json": "{}", "report.html": "<p>"}, error=None, options=None)
 
-    def diagnose(path, out, *, workers, say, build):
+    def diagnose(path, out, *, vehicle, variant, workers, say, build):
         state.options = SimpleNamespace(path=path, workers=workers, build=build)
         say("halfway")
         for name, text in state.files.items():

@@ -8,6 +8,7 @@ import pytest
 from cosim.diagnosis import diagnose
 from cosim.diagnosis.diagnose import _reserve
 from cosim.diagnosis.search.identify import Identification
+from driveline.quantities import InputError
 
 
 @pytest.mark.parametrize(("kinds", "kept"), [
@@ -40,3 +41,12 @@ def test_where_nothing_is_wrong_the_likeliest_that_is_not_excluded_is_looked_for
     monkeypatch.setattr(diagnose.proposal, "propose", propose)
     diagnose._propose(SimpleNamespace(finding={"next_manoeuvre": None}), SimpleNamespace(fitter=None), found)
     assert asked["best"] is drag and asked["rivals"] == [slope, healthy] and asked["lead"] == -0.5
+
+
+def test_a_data_file_is_that_of_the_vehicle_it_is_said_to_be(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("time [s],engine_torque [N.m],engine_speed [rpm]\n0,1,1500\n0.5,1,1510\n1,1,1520\n")
+    with pytest.raises(InputError, match="which vehicle.*--vehicle"):
+        diagnose.diagnose(path)
+    with pytest.raises(InputError, match="at least 2 s are needed"):  # it is a car's, and too short
+        diagnose.diagnose(path, vehicle="pickup_10r80", variant="modified")

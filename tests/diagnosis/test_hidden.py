@@ -330,3 +330,20 @@ def test_a_road_that_climbs_falls_on_the_way_back(tmp_path):
 def test_only_forward_or_back(tmp_path):
     with pytest.raises(InputError, match="tip_in:5:up.*tip_in:5:back"):
         hide([], 3, tmp_path / "m", manoeuvres=("tip_in:5:up",))
+
+
+@pytest.mark.parametrize(("effects", "message"), [
+    (["vehicle_mass=1.1", "vehicle_mass=1.2"], "vehicle_mass is there twice"),
+    (["mesh_loss=final_drive_loss:2,final_drive_loss:3"], "one size for each of its numbers")])
+def test_what_is_hidden_twice_is_refused(tmp_path, effects, message):
+    """The truth could say one of it only."""
+    with pytest.raises(InputError, match=message):
+        hide(effects, 1, tmp_path / "m", manoeuvres=["tip_in:5"])
+
+
+@pytest.mark.parametrize("text", ["first_stage_twist:2 deg", "first_stage_stiffness:0.5"])
+def test_what_means_nothing_alone_gets_a_usual_partner(text):
+    found = effect("two_stage_stiffness")
+    sizes = sizes_of(found, text, load_vehicle("pickup_10r80", "modified").values, np.random.default_rng(1))
+    assert set(sizes) == {p.name for p in found.parameters}
+    assert all(sizes[p.name] != p.neutral for p in found.parameters)

@@ -166,6 +166,17 @@ def test_parameters_follow_from_the_vehicle_file_and_the_gear(name, gear):
     ESTIMATORS[name](ESTIMATORS[name].defaults_from(load("suv_6l80"), min(gear, 6))).initialize()
 
 
+def test_a_flywheel_twists_between_the_two_speeds_by_all_of_the_torque():
+    """As one more spring; with what it is to the shuffle, TKBSE trusted a lash 36 % too large."""
+    values = load("pickup_10r80", "modified").values
+    stiffness = []
+    for extra in ({}, {"dual_mass_flywheel.enabled": 1.0}):
+        full = from_values(FullOrderParameters, {**values, **extra})
+        stiffness.append(three_mass_at_hub(full, 5).shaft.stiffness)
+    flywheel = full.dual_mass_flywheel.stiffness * full.transmission.ratio[6] ** 2
+    assert 1.0 / stiffness[1] == pytest.approx(1.0 / stiffness[0] + 1.0 / flywheel, rel=5e-3)
+
+
 @pytest.mark.parametrize("flank", [-1.0, 0.0, 1.0])
 @pytest.mark.parametrize("gear", [3, 5, 6])
 def test_lumping_at_the_hub_loses_nothing(gear, flank):

@@ -132,6 +132,9 @@ def hide(effects: Sequence[str], seed: int, out: Path, *, vehicle: str = VEHICLE
             outside[name] = _outside_size(name, text, random)
         else:
             _require(name)
+            if name in sizes:
+                raise InputError(f"{name} is there twice: one entry for each effect, for several of its numbers "
+                                 f"{name}=PARAMETER:SIZE,PARAMETER:SIZE")
             found = effect(name)
             for _ in range(1 if text else _DRAWS):
                 sizes[name] = sizes_of(found, text, nominal, random)
@@ -193,8 +196,8 @@ def sizes_of(effect: Effect, text: str, nominal: Mapping[str, float],
     A bare number is the size as the catalogue counts it: a factor, or what is added in SI. ``+15 %`` is a
     factor of 1.15; a number with a unit is the value the parameter shall have, ``+334 kg`` what it shall have
     more, and for what has no value of its own (``30 ms`` of delay) simply the size. One number for an effect
-    of several parameters is for all of its first kind (factors or sums); of the others, those that mean
-    nothing alone get a usual one.
+    of several parameters is for all of its first kind (factors or sums); of the others, and of those that are
+    not named, those that mean nothing alone get a usual one.
 
     Raises:
         InputError: Not a size, or not a plausible one.
@@ -203,10 +206,13 @@ def sizes_of(effect: Effect, text: str, nominal: Mapping[str, float],
         sizes = drawn(effect, random)
         return {p.name: p.within(sizes[p.name], nominal) for p in effect.parameters if p.name in sizes}
     if ":" in text:
-        parts = (part.partition(":") for part in text.split(","))
+        parts = [part.partition(":") for part in text.split(",")]
         named = {name.strip(): size for name, _, size in parts}
+        if len(named) < len(parts):
+            raise InputError(f"{effect.name}={text}: one size for each of its numbers")
         effect.complete(dict.fromkeys(named, 0.0))
-        sizes = {p.name: _size(p, named[p.name], nominal) for p in effect.parameters if p.name in named}
+        sizes = {p.name: _size(p, named[p.name], nominal) if p.name in named else (p.probes or (p.neutral,))[0]
+                 for p in effect.parameters if p.name in named or effect.joint}
     else:
         kind = effect.parameters[0].scale
         sizes = {p.name: _size(p, text, nominal) if p.scale == kind else (p.probes or (p.neutral,))[0]

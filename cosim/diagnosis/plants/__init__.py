@@ -33,7 +33,8 @@ def plant_for(measurement: Measurement) -> InstrumentedPlant:
         InputError: The measurement names no vehicle, or the file describes none of the plants.
     """
     if measurement.vehicle is None:
-        raise InputError(f"measurement '{measurement.name}': which vehicle? measurement.toml needs vehicle = \"...\"")
+        raise InputError(f"measurement '{measurement.name}': which vehicle? measurement.toml needs vehicle = \"...\", "
+                         "a data file --vehicle beside it")
     tables = {name.partition(".")[0] for name in vehicles.load(measurement.vehicle, measurement.variant).values}
     for table, kind in _TELLING.items():
         if table in tables:
