@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 
 from cosim.files import replacing
 from cosim.measured.compare import Comparison
+from cosim.report.thinning import extremes
 from cosim.result import Result
 
 STYLE: dict[str, Any] = {
@@ -117,11 +118,7 @@ def plot_comparison(comparisons: Sequence[Comparison], path: str | Path, title: 
 def _line(axis: Axes, time: np.ndarray, values: np.ndarray, **style: Any) -> None:
     """A line; of very many points the extremes of each stretch, so that no peak gets lost."""
     if time.size > 2 * _POINTS:
-        stretch = time.size // _POINTS
-        first = np.arange(0, time.size, stretch)
-        blocks = np.pad(values, (0, first[-1] + stretch - time.size), "edge").reshape(-1, stretch)
-        keep = np.unique(np.concatenate([first + blocks.argmin(axis=1), first + blocks.argmax(axis=1),
-                                         [0, time.size - 1]]))
+        keep = np.unique([0, *extremes(values, _POINTS), time.size - 1])
         time, values = time[keep], values[keep]
     axis.plot(time, values, **style)
 

@@ -11,6 +11,8 @@ from html import escape
 import numpy as np
 from matplotlib.ticker import MaxNLocator
 
+from cosim.report.thinning import extremes
+
 _WIDTH, _LEFT, _RIGHT = 560, 58, 8
 _POINTS = 700
 _LETTER = 6.4  # width of a letter, generously, at the font size of 11
@@ -91,10 +93,7 @@ class Panel:
         inside = (x >= self.x[0]) & (x <= self.x[1])
         x, y = x[inside], y[inside]
         if x.size > 2 * _POINTS:
-            size = x.size // _POINTS
-            rows = np.pad(y, (0, -y.size % size), "edge").reshape(-1, size)  # the first of equals is taken: no pad is
-            ends = np.sort(np.stack([rows.argmin(axis=1), rows.argmax(axis=1)]), axis=0)
-            keep = (ends + size * np.arange(len(rows))).T.ravel()
+            keep = extremes(y, _POINTS)
             x, y = x[keep], y[keep]
         a, b = self.place(x, np.clip(y, *self.y))
         return f'<polyline class="{css}" points="{" ".join(f"{p:.1f},{q:.1f}" for p, q in zip(a, b))}"/>'

@@ -53,9 +53,9 @@ class Noise:
         return np.array([self.r_1, self.r_2])
 
 
-def retuned(kind: type, name: str, start: float) -> Any:
-    """The field of a dataclass of quantities with another start value, for a subclass."""
-    return field(default=start, metadata=kind.__dataclass_fields__[name].metadata)
+def retuned(kind: type, name: str, start: float, **bounds: float) -> Any:
+    """The field of a dataclass of quantities with another start value, and other bounds, for a subclass."""
+    return field(default=start, metadata={**kind.__dataclass_fields__[name].metadata, **bounds})
 
 
 @dataclass(frozen=True)
@@ -157,6 +157,12 @@ class Estimator(KernelModel):
             self._run(start_time + (row + 1) * self._period)
             found[row] = self._outputs
         return found
+
+
+def check_forward(ratio: float) -> None:
+    """Raise InputError unless a transmission ratio is that of a forward gear: torque that drives lies on its flank."""
+    if not ratio > 0.0:
+        raise InputError(f"gear.transmission_ratio is {ratio:g}: a forward gear is needed")
 
 
 def check_shaft(shaft: LashShaft) -> None:

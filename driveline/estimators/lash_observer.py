@@ -101,7 +101,7 @@ from .dead_zone import (
     share_below,
     stiffness_of,
 )
-from .estimator import FRAME_INPUTS, Delays, Estimator, estimate
+from .estimator import FRAME_INPUTS, Delays, Estimator, Sampling, check_forward, estimate, retuned
 from .lumped import PLAUSIBLE_SPEED, PLAUSIBLE_TORQUE, plausible
 from .samples import SAMPLES, linear, push, smooth
 
@@ -169,10 +169,10 @@ class ObserverNoise:
 
 
 @dataclass(frozen=True)
-class LashSampling:
-    """When frames are taken in; its noise is told by the frame, so not as often as anyone likes."""
+class LashSampling(Sampling):
+    """Its noise is told by the frame, so there are not as many as anyone likes."""
 
-    period: float = quantity("s", "sampling time of the estimator", start=0.01, minimum=5e-4, maximum=0.1)
+    period: float = retuned(Sampling, "period", 0.01, minimum=5e-4)
 
 
 @dataclass(frozen=True)
@@ -497,8 +497,7 @@ class LashObserver(Estimator):
         if not 0.0 < p.shaft.half_gap < 0.25:
             raise InputError(f"shaft.half_gap is {p.shaft.half_gap:g} rad: an estimator of lash needs one between 0 "
                              "and 0.25 rad")
-        if not gear.transmission_ratio > 0.0:
-            raise InputError(f"gear.transmission_ratio is {gear.transmission_ratio:g}: a forward gear is needed")
+        check_forward(gear.transmission_ratio)
         substeps = min(max(round(p.sampling.period / 1e-3), 2), MOST_SUBSTEPS)
         return np.array([
             p.engine_inertia, p.output_inertia, p.wheel_inertia, p.shaft.stiffness, p.shaft.damping,

@@ -37,7 +37,7 @@ from .alignment import (
     interrupt,
     learn,
 )
-from .estimator import AVERAGED, Estimator, Noise, Sampling, Trust, check_shaft, estimate, retuned
+from .estimator import AVERAGED, Estimator, Noise, Sampling, Trust, check_forward, check_shaft, estimate, retuned
 from .kalman import discretise, evenly, stationary_gain
 from .lumped import (
     C_S,
@@ -381,9 +381,7 @@ class Tkbse(Estimator):
     def constants(self, parameters: TkbseParameters) -> np.ndarray:
         """Driveline, stationary gain, discretised contact model, trigger and bounds, for ``tkbse_step``."""
         check_shaft(parameters.shaft)
-        ratio = parameters.gear.transmission_ratio
-        if not ratio > 0.0:
-            raise InputError(f"gear.transmission_ratio is {ratio:g}: a forward gear is needed, tip-ins are listened to")
+        check_forward(parameters.gear.transmission_ratio)
         model = twists(Lumped.of(parameters), CONTACT)
         period, trigger, trust = parameters.sampling.period, parameters.trigger, parameters.trust
         a, b = discretise(model.A, model.B, period)

@@ -177,11 +177,10 @@ class Plant(KernelModel):
     def _fill_air_path(self) -> None:
         """An engine that turns gives what it was asked for before, also where nothing else is steady: with an open
         clutch."""
-        rates, _ = self.rates()
         for row in self._branch_rows():
             if row[k.LAW] == k.ENGINE and self.state[row[k.NODE_A]] > 0.0:
                 lag = self.network.constants[row[k.PARAMETER] + 11]
-                self.state[row[k.TWIST]] += lag * rates[row[k.TWIST]]
+                self.state[row[k.TWIST]] += lag * self.rates()[0][row[k.TWIST]]
 
     def _branch_rows(self) -> np.ndarray:
         net = self.network

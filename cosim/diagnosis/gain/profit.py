@@ -55,12 +55,13 @@ def _heard(name: str, vehicle: Vehicle, run: Run) -> dict[str, float]:
     kind = ESTIMATORS[name]
     try:
         values = kind.defaults_from(vehicle, run.gear)
-    except InputError:  # a vehicle that no file could hold
+        model = kind(values)
+        for key, value in values.items():
+            model[key] = value
+        model["sampling.period"] = _FRAME
+        model.initialize()
+    except InputError:  # a vehicle that no file could hold, or no estimator can be made for: without lash, say
         return {}
-    model = kind(values)
-    for key, value in values.items():
-        model[key] = value
-    model["sampling.period"] = _FRAME
     begin = max(float(run.clocks[c][0]) for c in ("engine_speed", "wheel_speed"))
     times = np.arange(begin, run.time[-1], _FRAME)
     frames = np.tile([model[variable.name] for variable in model.inputs], (times.size, 1))
@@ -68,10 +69,6 @@ def _heard(name: str, vehicle: Vehicle, run: Run) -> dict[str, float]:
     frames[:, names.index("engine_torque")] = np.interp(times, run.time, run.inputs[:, 0])
     for channel in ("engine_speed", "wheel_speed"):
         frames[:, names.index(channel)] = np.interp(times, run.clocks[channel], run.measured[channel])
-    try:
-        model.initialize()
-    except InputError:  # a driveline no estimator can be made for: without lash, say
-        return {}
     table = {v.name: column for v, column in zip(model.output_variables, model.simulate(frames).T)}
     settled = table["unexplained_torque"][round(1.0 / _FRAME):]
     heard = {"unexplained_torque": float(np.sqrt(np.mean(settled**2)))} if settled.any() else {}

@@ -18,6 +18,7 @@ from cosim.diagnosis.plants import SETTLE, STEP, FullOrderCar, Run
 from cosim.diagnosis.plants.car import led_by
 from cosim.diagnosis.search.identify import APART, LACKING, Identification, signed, trusted
 from cosim.diagnosis.search.reach import around, instead_of, twins
+from driveline.elements.engine_torque import engine_friction
 from driveline.elements.road_load import GRAVITY
 from driveline.quantities import InputError
 
@@ -206,7 +207,8 @@ def _given(car: FullOrderCar, speed: float) -> float:
     Its friction is asked of the air path beside it; what accessories take comes off any torque that is asked for.
     """
     v = car.values
-    return v["engine.maximum_torque"] - v["engine.friction_constant"] - v["engine.friction_viscous"] * speed
+    return v["engine.maximum_torque"] - engine_friction(
+        speed, v["engine.friction_constant"], v["engine.friction_viscous"])
 
 
 def _drivable(car: FullOrderCar, gears: Iterable[int], torque: float) -> list[int]:
