@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import ttest_1samp
 
+from cosim.diagnosis.benches import plausible
 from cosim.diagnosis.benches.inverse import SKEW, SLIGHT, Inverse, Supposition, Torques
 from cosim.diagnosis.fit.regression import paired
 from cosim.diagnosis.judge.finding import Gain, gained, something_else
@@ -53,9 +54,13 @@ def diagnose_bench(plant: RigidPlant, runs: Sequence[Run], reserved: Sequence[Ru
         runs: What the diagnosis may use.
         reserved: What it may not; the gain is measured on these.
         say: Told what happens.
+
+    Raises:
+        InputError: A unit or a sign is not right.
     """
     say("what the measured motion needs, and how every effect moves that")
     inverse = Inverse(plant, runs)
+    plausible.check(inverse)
     listed = _wrong(inverse)
     say("comparing sets of effects")
     tried = inverse.search()

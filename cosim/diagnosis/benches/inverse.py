@@ -161,6 +161,12 @@ class Torques:
         return [self._filtered(self.plant.torques(values, run, motion))
                 for run, motion in zip(self.runs, self.motions)]
 
+    def resisted(self, values: Mapping[str, float], share: float = 1.0) -> list[dict[str, np.ndarray]]:
+        """What would be needed without acceleration, at a share of the speed, filtered."""
+        return [self._filtered(self.plant.torques(values, run, replace(motion, speed=share * motion.speed,
+                                                                       acceleration=0.0 * motion.acceleration)))
+                for run, motion in zip(self.runs, self.motions)]
+
     def missing(self, values: Mapping[str, float], skew: Mapping[str, float]) -> list[dict[str, np.ndarray]]:
         """Measured minus needed."""
         return [{c: m[c] - n[c] for c in m} for m, n in zip(self.measured(skew), self.needed(values))]

@@ -13,6 +13,7 @@ import numpy as np
 
 from cosim import units
 from cosim.diagnosis.plants import FullOrderCar, Run
+from cosim.measured import CANONICAL
 from driveline.quantities import InputError
 
 _OFF = 1.4  # times the others, either way: no tyre is as much larger, no shaft turns so much faster
@@ -24,7 +25,9 @@ _LIVELY = 0.1  # share of the engine's torque by which it has to change, for tha
 _ROLLING = 1.0  # m/s
 _BEFORE_GEARS = ("engine_speed", "turbine_speed")
 _BEHIND = ("transmission_output_speed", "wheel_speed", "vehicle_speed")
-_MISTAKEN = (("rpm", "rad/s", "deg/s"), ("km/h", "m/s", "mph"), ("N.m", "kN.m"))
+# What is taken for the unit that a channel has here, or for one another.
+_MISTAKEN = {"rad/s": ("rpm", "deg/s"), "m/s": ("km/h", "mph"), "N.m": ("kN.m", "N.cm"), "N": ("kN",),
+             "m": ("cm", "mm"), "rad": ("deg", "rev")}
 
 
 def check(car: FullOrderCar, runs: Sequence[Run]) -> None:
@@ -62,7 +65,7 @@ def _check_gear(car: FullOrderCar, run: Run, speeds: Mapping[str, float]) -> Non
     gears = car.gears
     ratio = gears[run.gear] * speeds["turbine_speed"] / float(np.median(sides[1]))
     nearest = car.gear_of(ratio * car.values["final_drive.ratio"])
-    if nearest != run.gear and _apart(ratio / gears[run.gear]) > _ALIKE > _apart(ratio / gears[nearest]):
+    if nearest != run.gear and apart(ratio / gears[run.gear]) > _ALIKE > apart(ratio / gears[nearest]):
         raise InputError(f"{run.name}: the speeds before and behind the gears have a ratio of {ratio:.3g}, as in gear "
                          f"{nearest}; gear {run.gear}, as the measurement says, has {gears[run.gear]:.3g}")
 
@@ -75,12 +78,12 @@ def _check_speeds(rows: Sequence[Mapping[str, float]]) -> None:
         for name, speed in speeds.items():
             off.setdefault(name, []).append(speed / middle)
     shares = {name: float(np.median(found)) for name, found in off.items()}
-    for name in sorted(shares, key=lambda name: -_apart(shares[name])):
+    for name in sorted(shares, key=lambda name: -apart(shares[name])):
         free = name == "engine_speed" and shares[name] > 1.0
-        if _apart(shares[name]) > (_SLIPPING if free else _OFF):
+        if apart(shares[name]) > (_SLIPPING if free else _OFF):
             others = ", ".join(other.replace("_", " ") for other in shares if other != name)
             raise InputError(f"{name} is {shares[name]:.3g} times what {others} make it, through gear, final drive "
-                             f"and tyre of the vehicle file: is its unit right?{_as_if(shares[name])}")
+                             f"and tyre of the vehicle file: is its unit right?{as_if(name, shares[name])}")
 
 
 def _check_torques(car: FullOrderCar, runs: Sequence[Run]) -> None:
@@ -96,20 +99,25 @@ def _check_torques(car: FullOrderCar, runs: Sequence[Run]) -> None:
         made = car.gears.get(run.gear, 0.0) * float(np.ptp(torque))
         if "propeller_shaft_torque" in run.measured and np.ptp(torque) > _LIVELY * most and made > 0.0:
             carried.append(float(np.ptp(run.measured["propeller_shaft_torque"])) / made)
-    if carried and _apart(share := float(np.median(carried))) > _CARRIED:
+    if carried and apart(share := float(np.median(carried))) > _CARRIED:
         raise InputError(f"propeller_shaft_torque changes by {share:.3g} times what the gears make of the engine's "
-                         f"torque: is its unit right?{_as_if(share)}")
+                         f"torque: is its unit right?{as_if('propeller_shaft_torque', share)}")
 
 
-def _apart(share: float) -> float:
-    """How many times one is the other, either way."""
+def apart(share: float) -> float:
+    """How many times one is the other, either way; they have one sign."""
     return max(share, 1.0 / max(share, 1e-9))
 
 
-def _as_if(share: float) -> str:
-    """The units that may have been mistaken for one another, in words; nothing where none differ by so much."""
-    for group in _MISTAKEN:
-        for is_, said in itertools.permutations(group, 2):
-            if _apart(share * units.conversion(is_, said)[0]) < _ALIKE:
-                return f" It is as if {is_} were taken for {said}"
+def as_if(channel: str, share: float) -> str:
+    """The units that may have been mistaken for one another, in words; nothing where none differ by so much.
+
+    Args:
+        channel: What is off.
+        share: How many times it is what it should be.
+    """
+    unit = CANONICAL[channel].unit
+    for is_, said in itertools.permutations((unit, *_MISTAKEN.get(unit, ())), 2):
+        if apart(share * units.conversion(is_, said)[0]) < _ALIKE:
+            return f" It is as if {is_} were taken for {said}"
     return ""

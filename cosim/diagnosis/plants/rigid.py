@@ -138,10 +138,14 @@ class RigidPlant(InstrumentedPlant):
         run = Run(name, manoeuvre.kind, manoeuvre.gear or 0, start, inputs, 0.0, clocks, measured)
         return replace(run, start_speed=float(self.motion(run, self.values).speed[0]))
 
+    def motion_of(self, run: Run) -> str:
+        """The channel that a run's motion is taken from."""
+        return next(name for name in self.motions if name in run.clocks)
+
     def motion(self, run: Run, values: Mapping[str, float]) -> Motion:
         """The motion as it was, from the best channel that shows it, that sensor's errors undone."""
         time = run.start + STEP * np.arange(len(run.inputs))
-        name = next(name for name in self.motions if name in run.clocks)
+        name = self.motion_of(run)
         errors = Errors.of(name, values)
         # straight lines between samples that are unevenly apart bend most where those are far apart: after two
         # differentiations that is noise of several per cent
@@ -193,7 +197,7 @@ class RigidPlant(InstrumentedPlant):
 
     def shown(self, run: Run) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """What those channels did read: clock [s] and values; the drive's on the clock of the motion."""
-        frames = next(run.clocks[name] for name in self.motions if name in run.clocks)
+        frames = run.clocks[self.motion_of(run)]
         time = run.start + STEP * np.arange(len(run.inputs))
         drive = np.interp(frames, time, run.inputs[:, self.columns[self.driver]])
         return {channel: (frames, drive) if channel == self.driver else (run.clocks[channel], run.measured[channel])

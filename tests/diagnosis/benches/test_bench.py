@@ -79,41 +79,6 @@ def measurement(folder, text, *files, kind="bench"):
     return load(folder)
 
 
-def made_up(folder, seconds=40.0, inertia=2.82e-5, rotor=8.26e-5, zero=0.0, gain=1.0, inline=True, seed=5, extra=None,
-            lost=()):
-    """A dynamometer's recording by the equations of motion: sampled unevenly, quantised, noisy, with frames lost."""
-    random = np.random.default_rng(seed)
-    time = np.cumsum(random.choice([4.2e-3, 10e-3], int(seconds / 6e-3), p=[0.7, 0.3]))
-    frequencies, phases = random.uniform(0.3, 6.0, 12), random.uniform(0.0, 6.28, 12)
-    size = 400.0 / frequencies / np.sqrt(12.0)
-    angle = np.zeros(time.size)
-    speed, acceleration = np.zeros(time.size), np.zeros(time.size)
-    for f, p, a in zip(2.0 * np.pi * frequencies, phases, size / (2.0 * np.pi)):
-        angle += 2.0 * a / f * np.sin(f * time + p)
-        speed += 2.0 * a * np.cos(f * time + p)
-        acceleration -= 2.0 * a * f * np.sin(f * time + p)
-    load_torque = inertia * acceleration + 7e-4 * np.sign(speed)
-    torque = load_torque + rotor * acceleration + 0.0227 * np.sign(speed) + 5.2e-4 * speed
-    torque = torque / gain + (0.0 if extra is None else extra(time, angle, speed))
-    table = {"time": time, "motor_torque": torque + 0.01 * random.standard_normal(time.size),
-             "motor_position": np.round(angle / 3.83e-4) * 3.83e-4,
-             "inline_torque": np.round((load_torque + zero) / 1.25e-4) * 1.25e-4
-             + 1e-3 * random.standard_normal(time.size)}
-    if not inline:
-        del table["inline_torque"]
-    header, kept = ",".join(table), np.ones(time.size, dtype=bool)
-    for begin, end in lost:
-        kept &= (time < begin) | (time > end)
-    rows = np.column_stack(list(table.values()))[kept]
-    np.savetxt(folder / "bench.csv", rows, "%.9g", ",", header=header, comments="")
-    channels = "".join(f'[channels.{name}]\ncolumn = "{name}"\n' for name in table)
-    (folder / "measurement.toml").write_text(
-        f'vehicle = "dyno_5nm"\n{channels}[[manoeuvre]]\nfile = "bench.csv"\nkind = "bench"\n', encoding="utf-8")
-    found = load(folder)
-    plant = plant_for(found)
-    return plant, plant.runs(found)
-
-
 def named(finding):
     """What explains it together, if that is probable; all probabilities add up to no more than 1."""
     assert sum(cause["probability"] for cause in finding["causes"]) <= 1.0
@@ -168,7 +133,7 @@ def test_elsewhere_an_effect_names_values_that_some_bench_has_and_no_car():
                 name: p.applied(p.limits[1], plant.values.get(name, p.neutral)) for name in p.targets}
 
 
-def test_what_a_bench_cannot_do_without_is_said(tmp_path):
+def test_what_a_bench_cannot_do_without_is_said(tmp_path, made_up):
     plant, _ = made_up(tmp_path, seconds=12.0)
     text = (tmp_path / "measurement.toml").read_text(encoding="utf-8")
     for channel, message in (("motor_torque", "no channel 'motor_torque'"), ("motor_position", "shows no motion")):
@@ -181,7 +146,7 @@ def test_what_a_bench_cannot_do_without_is_said(tmp_path):
 # -- inverse dynamics ------------------------------------------------------------------------------------
 
 
-def test_the_needed_torques_are_those_of_the_equations_of_motion(tmp_path):
+def test_the_needed_torques_are_those_of_the_equations_of_motion(tmp_path, made_up):
     """Two ways: through the assembled plant, and written down."""
     plant, runs = made_up(tmp_path, seconds=12.0)
     values = plant.values | {"engine.torque_gain": 0.8, "engine.torque_offset": 0.02, "engine.air_delay": 0.0,
@@ -198,7 +163,7 @@ def test_the_needed_torques_are_those_of_the_equations_of_motion(tmp_path):
     assert late[:-50] == pytest.approx(needed["motor_torque"][50:], rel=1e-9)  # asked for before it acts
 
 
-def test_simulated_with_the_needed_torque_the_bench_moves_as_measured(tmp_path):
+def test_simulated_with_the_needed_torque_the_bench_moves_as_measured(tmp_path, made_up):
     plant, runs = made_up(tmp_path, seconds=12.0)
     run = plant.runs(load(tmp_path), longest=3.0)[1]
     motion = plant.motion(run, plant.values)
@@ -239,13 +204,13 @@ def test_blocks_decide_by_how_often_not_by_how_much():
 # -- made-up recordings ----------------------------------------------------------------------------------
 
 
-def test_nothing_wrong_is_none(tmp_path):
+def test_nothing_wrong_is_none(tmp_path, made_up):
     plant, runs = made_up(tmp_path)
     found = diagnose_bench(plant, runs[:-1], runs[-1:])
     assert found.finding["verdict"] == "none" and not found.finding["causes"] and not found.finding["wrong"]
 
 
-def test_heavier_load_and_a_zero_are_named_with_their_sizes_and_the_gain_is_there(tmp_path):
+def test_heavier_load_and_a_zero_are_named_with_their_sizes_and_the_gain_is_there(tmp_path, made_up):
     plant, runs = made_up(tmp_path, inertia=4.0e-5, zero=0.02)
     found = diagnose_bench(plant, runs[:-1], runs[-1:])
     assert found.finding["verdict"] == "cause"
@@ -261,7 +226,7 @@ def test_heavier_load_and_a_zero_are_named_with_their_sizes_and_the_gain_is_ther
     assert found.finding["gain"]["fraction_of_noise_floor"] < 1.2
 
 
-def test_a_bench_is_not_judged_where_frames_were_lost(tmp_path):
+def test_a_bench_is_not_judged_where_frames_were_lost(tmp_path, made_up):
     """Every few seconds a tenth of one: nothing is asked of a motion that was bent through such gaps."""
     lost = [(begin, begin + 0.1) for begin in (3.0, 6.5, 7.5, 11.0, 16.1, 20.3, 24.0, 29.5, 33.0, 36.6)]
     plant, runs = made_up(tmp_path, inertia=4.0e-5, zero=0.02, lost=lost)
@@ -273,7 +238,7 @@ def test_a_bench_is_not_judged_where_frames_were_lost(tmp_path):
     assert found.finding["gain"]["fraction_of_noise_floor"] < 1.2
 
 
-def test_a_bench_that_is_never_whole_for_long_is_refused(tmp_path):
+def test_a_bench_that_is_never_whole_for_long_is_refused(tmp_path, made_up):
     with pytest.raises(InputError, match="'bench': 2 s without lost frames are needed where samples are 10 ms"):
         made_up(tmp_path, lost=[(begin, begin + 0.1) for begin in np.arange(1.0, 40.0, 1.5)])
 
@@ -313,7 +278,7 @@ def test_a_slow_bench_that_is_never_whole_for_long_is_refused():
 
 
 @pytest.mark.parametrize("order", ["with, without", "without, with"])
-def test_recordings_of_a_bench_may_have_different_channels(tmp_path, order):
+def test_recordings_of_a_bench_may_have_different_channels(tmp_path, order, made_up):
     """One without the inline sensor takes nothing from what the other shows of it, and says what it can."""
     runs = []
     for i, inline in enumerate((True, False) if order == "with, without" else (False, True)):
@@ -329,7 +294,7 @@ def test_recordings_of_a_bench_may_have_different_channels(tmp_path, order):
         run.name for run in runs if "inline_torque" in run.clocks}
 
 
-def test_the_gain_is_measured_on_channels_that_were_diagnosed(tmp_path):
+def test_the_gain_is_measured_on_channels_that_were_diagnosed(tmp_path, made_up):
     plant, runs = made_up(tmp_path, inertia=4.0e-5)
     without = [dataclasses.replace(run, clocks={n: c for n, c in run.clocks.items() if n != "inline_torque"})
                for run in runs[:-1]]
@@ -337,7 +302,7 @@ def test_the_gain_is_measured_on_channels_that_were_diagnosed(tmp_path):
     assert {row["signal"] for row in finding["gain"]["held_out"]} == {"motor_torque"}
 
 
-def test_an_error_that_is_smaller_than_it_has_to_be_is_not_wrong(tmp_path, monkeypatch):
+def test_an_error_that_is_smaller_than_it_has_to_be_is_not_wrong(tmp_path, monkeypatch, made_up):
     """Most blocks are predicted better with everything, one is very much worse."""
     plant, runs = made_up(tmp_path)
     inverse = Inverse(plant, runs)
@@ -349,7 +314,7 @@ def test_an_error_that_is_smaller_than_it_has_to_be_is_not_wrong(tmp_path, monke
     assert not [row for row in _wrong(inverse) if "larger" in row["what"]]
 
 
-def test_a_rotor_is_told_from_a_load_by_the_inline_sensor_and_by_nothing_else(tmp_path):
+def test_a_rotor_is_told_from_a_load_by_the_inline_sensor_and_by_nothing_else(tmp_path, made_up):
     plant, runs = made_up(tmp_path, rotor=10.5e-5)
     assert named(diagnose_bench(plant, runs).finding) == ["engine_inertia"]
     (tmp_path / "b").mkdir()
@@ -362,7 +327,7 @@ def test_a_rotor_is_told_from_a_load_by_the_inline_sensor_and_by_nothing_else(tm
     assert sum(c["probability"] for c in finding["causes"]) <= 1.0
 
 
-def test_a_torque_over_the_angle_that_no_effect_makes_is_unknown_and_placed(tmp_path):
+def test_a_torque_over_the_angle_that_no_effect_makes_is_unknown_and_placed(tmp_path, made_up):
     plant, runs = made_up(tmp_path, extra=lambda time, angle, speed: 0.08 * np.sin(angle / np.abs(angle).max() * 4.0))
     finding = diagnose_bench(plant, runs).finding
     assert finding["verdict"] == "unknown" and not named(finding)
