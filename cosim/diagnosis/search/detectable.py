@@ -101,6 +101,29 @@ def _plausible(c: Coordinate, x: float) -> bool:
     return (0.0 if c.phase else c.low) <= x <= c.high
 
 
+def large(smallest: Mapping[int, tuple[float, float]], coordinates: Sequence[Coordinate], point: np.ndarray,
+          cause: str) -> bool:
+    """Whether one parameter of a cause is as large as the runs would show; also where nobody knows what they would.
+
+    Args:
+        smallest: Sizes, as ``detectable`` gives them.
+        coordinates: Of these.
+        point: Coordinates, as they were found.
+        cause: Which.
+    """
+    sizes = {i: _size(coordinates, point, i) for i in smallest if coordinates[i].cause == cause}
+    return not sizes or any(size <= -smallest[i][0] or size >= smallest[i][1] for i, size in sizes.items())
+
+
+def _size(coordinates: Sequence[Coordinate], point: np.ndarray, place: int) -> float:
+    """Where a parameter is; of a swing its amplitude, root mean square over all runs."""
+    c = coordinates[place]
+    if not c.phase:
+        return float(point[place])
+    parts = [point[i] for i, other in enumerate(coordinates) if (other.cause, other.name) == (c.cause, c.name)]
+    return float(np.sqrt(2.0 * np.mean(np.square(parts))))
+
+
 def would_show(smallest: Mapping[int, tuple[float, float]], coordinates: Sequence[Coordinate],
                values: Mapping[str, float]) -> list[dict[str, Any]]:
     """The same as ``finding.json`` has it: below and above which value each parameter would have been named.

@@ -24,10 +24,10 @@ from cosim.diagnosis.catalogue import push_alike
 from cosim.diagnosis.fit.evidence import Evidence
 from cosim.diagnosis.fit.fitting import EFFECT, Fit, Fitter, as_found
 from cosim.diagnosis.fit.noise import Noise
-from cosim.diagnosis.fit.predict import Predictor
+from cosim.diagnosis.fit.predict import Coordinate, Predictor
 from cosim.diagnosis.search.alike import alike, instead
 from cosim.diagnosis.search.challenge import SWAPPED_CAUSES, Challenge
-from cosim.diagnosis.search.detectable import detectable
+from cosim.diagnosis.search.detectable import detectable, large
 from cosim.diagnosis.search.pool import REFITTED, Pool
 from cosim.diagnosis.search.reach import around, twins
 from cosim.diagnosis.search.scan import Scan, best_of_each, key, renamed
@@ -94,10 +94,15 @@ class Identification:
         """How far a supposition is from the best [sigma]."""
         return separation(self.lead(fit), self.temper)
 
-    def significant(self) -> Identification:
-        """The same, with nothing wrong as the best where that has one chance in three: no cause is significant then."""
+    def significant(self, coordinates: Sequence[Coordinate]) -> Identification:
+        """The same, with nothing wrong as the best where no cause is significant.
+
+        That is where nothing has one chance in three, or no cause is as large as these runs would show: what names
+        something so small is no evidence for it, but that one fit got further than another.
+        """
         nothing = sum(share for fit, share in zip(self.alternatives, self.shares()) if not fit.causes)
-        if not self.best.causes or nothing < _NOTHING:
+        shows = any(large(self.detectable, coordinates, self.best.shared, cause) for cause in self.best.causes)
+        if not self.best.causes or nothing < _NOTHING and shows:
             return self
         others = [fit for fit in self.alternatives if fit.causes]
         return replace(self, best=self.healthy, alternatives=[self.healthy, *others])
@@ -151,7 +156,7 @@ class Search:
         shown = detectable(self.fitter.seen(self.file, noise), self.coordinates, named,
                            partial(self.fitter.changed, self.file, noise))
         return Identification(leader, [leader, *others], self.pool.fits[()], noise, self.alike, shown,
-                              self.temper).significant()
+                              self.temper).significant(self.coordinates)
 
     @property
     def temper(self) -> float:

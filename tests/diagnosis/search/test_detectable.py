@@ -9,7 +9,7 @@ import pytest
 from cosim.diagnosis.effect import factor, shift
 from cosim.diagnosis.fit.evidence import Evidence, Layout, Slopes, prior
 from cosim.diagnosis.fit.predict import Coordinate
-from cosim.diagnosis.search.detectable import detectable, would_show
+from cosim.diagnosis.search.detectable import detectable, large, would_show
 
 SAMPLES, NEEDED = 80, 8.0
 
@@ -88,3 +88,21 @@ def test_sizes_are_told_in_the_unit_of_the_value_and_only_if_plausible():
                        "unit": "N.m"}
     assert rows[1]["below"] is None and rows[1]["above"] == pytest.approx(2.5)
     assert rows[2]["below"] is None and rows[2]["above"] == pytest.approx(0.3)  # an amplitude
+
+
+def test_what_was_found_is_as_large_as_would_show_to_its_own_side_or_in_one_of_its_parameters():
+    swings = [replace(coordinate("swing", run=run), phase="swing.phase", part=part)
+              for run in (0, 1) for part in (0, 1)]
+    coordinates = [coordinate("load"), replace(coordinate("load"), name="other"), *swings, coordinate("late")]
+    smallest = {0: (0.2, 0.4), 1: (0.3, np.inf), 2: (np.inf, 0.5)}
+
+    def found(cause, **at):
+        point = np.zeros(7)
+        for name, value in at.items():
+            point[int(name[1:])] = value
+        return large(smallest, coordinates, point, cause)
+
+    assert found("load", _0=-0.2) and not found("load", _0=-0.19) and not found("load", _0=0.3)
+    assert found("load", _0=0.3, _1=-0.4) and not found("load", _0=0.3, _1=9.0)
+    assert found("swing", _2=-0.4, _3=0.31, _4=0.0, _5=0.51) and not found("swing", _2=-0.4, _3=0.2, _4=0.4, _5=0.2)
+    assert found("late", _6=0.01)  # nobody knows from which size on that shows

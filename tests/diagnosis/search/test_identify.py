@@ -136,14 +136,27 @@ def test_who_is_near_the_leader_is_fitted_in_further_ways_once():
 @pytest.mark.parametrize("lead, best", [(-5.0, ()), (1.2, ()), (1.6, ("drag",)), (30.0, ("drag",))])
 def test_a_cause_is_named_that_is_twice_as_likely_as_nothing(lead, best):
     """Odds of 2 are a lead of 1.39, tempered by 2."""
-    healthy, drag = (SimpleNamespace(causes=causes, effects=causes, score=score, hope=score, near=True)
+    healthy, drag = (SimpleNamespace(causes=causes, effects=causes, score=score, hope=score, near=True, shared=[])
                      for causes, score in (((), 0.0), (("drag",), lead)))
     first, second = (drag, healthy) if lead > 0.0 else (healthy, drag)
     found = Identification(first, [first, second], healthy, None, [], {})
-    named = found.significant()
+    named = found.significant([])
     assert named.best.causes == best and named.alternatives[0] is named.best
     assert {fit.causes: share for fit, share in zip(named.alternatives, named.shares())} == pytest.approx(
         {fit.causes: share for fit, share in zip(found.alternatives, found.shares())})
+
+
+@pytest.mark.parametrize("size, significant", [(0.9, False), (1.1, True), (-1.9, False), (-2.1, True)])
+def test_no_cause_is_named_that_is_smaller_than_the_recordings_show(size, significant):
+    """However far it leads: its own size cannot be the reason."""
+    drag, other = (SimpleNamespace(cause=cause, name=cause, phase="") for cause in ("drag", "other"))
+    healthy, dragged = (SimpleNamespace(causes=causes, effects=causes, score=score, hope=score, near=True,
+                                        shared=np.array([0.0, size]))
+                        for causes, score in (((), 0.0), (("drag",), 9.0)))
+    found = Identification(dragged, [dragged, healthy], healthy, None, [], {0: (9.0, 9.0), 1: (2.0, 1.0)})
+    assert found.significant([other, drag]).best.causes == (("drag",) if significant else ())
+    beside = SimpleNamespace(**{**vars(dragged), "causes": ("drag", "new"), "effects": ("drag", "new")})
+    assert replace(found, best=beside, alternatives=[beside, healthy]).significant([other, drag]).best is beside
 
 
 def test_where_fits_of_the_same_supposition_differ_a_lead_counts_for_less():
