@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TypeVar
 
 import numpy as np
 
-from cosim.diagnosis.fit.evidence import Evidence, Layout, Posterior, Seen, Slopes, prior
+from cosim.diagnosis.fit.evidence import Evidence, Layout, Posterior, Slopes, prior
 from cosim.diagnosis.fit.noise import Noise, floors
 from cosim.diagnosis.fit.predict import Predictor
-
-Result = TypeVar("Result")
 
 # Log odds that a given effect is there: of thirty, one in two that a car has any, as who asks has a reason to. What is
 # not there gains up to 1, and is then smaller than what counts (``pool.SMALLEST``).
@@ -201,19 +197,11 @@ class Fitter:
 
     def seen(self, fit: Fit, noise: Noise) -> Evidence:
         """What the runs say at the points of a fit."""
-        def by(run: int) -> Seen:
-            slopes = Slopes(self.layout, run, noise.whiten(run, fit.tangents[run].jacobian))
-            return slopes.seen(noise.whiten(run, self.measured[run] - fit.predicted[run]), fit.points[run])
-
-        return Evidence(self._each(by))
-
-    def _each(self, of: Callable[[int], Result]) -> list[Result]:
-        """Something of every run: matrices in as many threads as there are processes, which wait meanwhile."""
-        runs = range(len(self.measured))
-        if self.predictor.workers == 1:
-            return [of(run) for run in runs]
-        with ThreadPoolExecutor(self.predictor.workers) as threads:
-            return list(threads.map(of, runs))
+        seen = []
+        for r, (tangent, point) in enumerate(zip(fit.tangents, fit.points)):
+            slopes = Slopes(self.layout, r, noise.whiten(r, tangent.jacobian))
+            seen.append(slopes.seen(noise.whiten(r, self.measured[r] - fit.predicted[r]), point))
+        return Evidence(seen)
 
     def changed(self, fit: Fit, noise: Noise, changes: Sequence[np.ndarray]) -> list[list[np.ndarray] | None]:
         """What changes of the coordinates change in every run, whitened; None where that cannot be simulated."""

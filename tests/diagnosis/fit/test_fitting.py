@@ -63,14 +63,6 @@ def test_a_last_small_step_leaves_the_derivatives_as_they_were_taken():
         assert np.array_equal(kept.jacobian, taken.jacobian)
 
 
-def test_in_threads_recordings_say_the_same(monkeypatch):
-    search, result = found({"phase": 0.2})
-    alone = search.fitter.judged(result.best, result.noise)
-    monkeypatch.setattr(search.predictor, "workers", 2)
-    for one, other in zip(alone.seen, search.fitter.judged(result.best, result.noise).seen, strict=True):
-        assert np.array_equal(one.slopes.square, other.slopes.square) and np.array_equal(one.capped, other.capped)
-
-
 def test_a_score_is_what_was_reached_and_a_hope_what_derivatives_promise():
     """Where they are right, refining fulfils the promise."""
     search, result = found({"curve": 0.06})
