@@ -12,8 +12,9 @@ from __future__ import annotations
 import multiprocessing
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -24,6 +25,8 @@ from cosim.diagnosis.fit.noise import WANDER, bends, floor, wander
 from cosim.diagnosis.plants import STEP, FullOrderCar, Nuisance, Run
 from cosim.diagnosis.plants.hats import MEMORY, comb, fast, hats, lasting, parted, teeth
 from driveline.quantities import InputError
+
+Result = TypeVar("Result")
 
 # What differs from run to run: standard deviation, step of the differences.
 RUN_NUISANCES = {"start_speed": (0.3, 0.006), "grade": (0.001, 1.5e-4), "torque": (1.0, 0.15)}
@@ -272,6 +275,16 @@ class Predictor:
             return [self.predict(*job) for job in jobs]
         chunk = max(1, len(jobs) // (6 * self.workers))
         return list(self._pool.map(_predict, jobs, chunksize=chunk))
+
+    def at_once(self, tasks: Sequence[Callable[[], Result]]) -> list[Result]:
+        """What tasks return that know nothing of each other, in their order; several at once where there are processes.
+
+        A fit asks for a few simulations at a time and thinks between them: alone it would have processes wait.
+        """
+        if self._pool is None or len(tasks) < 2:
+            return [task() for task in tasks]
+        with ThreadPoolExecutor(self.workers) as threads:
+            return list(threads.map(lambda task: task(), tasks))
 
     def all_runs(self, points: Sequence[np.ndarray]) -> list[np.ndarray] | None:
         """The predictions of every run, each at its own vector of coordinates; None where one fails."""

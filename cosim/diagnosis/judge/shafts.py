@@ -137,7 +137,8 @@ def bent_shafts(fitter: Fitter, found: Identification, file: Fit) -> Bent | None
         starts.append(replace(best, shared=shared, points=points))
     curves = Curves(base, noise, best)
     with curves.predictor:
-        cooled = [curves.cooled(curves.start(start, strange=True)) for start in starts]
+        cooled = curves.predictor.at_once(
+            [lambda start=start: curves.cooled(curves.start(start, strange=True)) for start in starts])
         # the last is beside what was found, also where that is nothing
         settled = [curves.settled(fit) if fit.score - best.score > least else None
                    for fit, least in zip(cooled, _PROMISING[-len(starts):])]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -63,8 +64,7 @@ class Challenge:
         behind |= {s: min(behind[s], -hope) for s, hope in hopes.items() if s in behind}
         least = _RIVAL if len(leader.causes) <= SWAPPED_CAUSES else _RIVAL_OF_MANY
         close = [fit for fit in self.pool.worthy() if not fit.near and behind[fit.causes] < least]
-        for fit in sorted(close, key=lambda fit: behind[fit.causes])[:REFITTED]:
-            self.pool.settle(fit, everything=False)
+        self.pool.settle_all(sorted(close, key=lambda fit: behind[fit.causes])[:REFITTED], everything=False)
         return bool(close) or self.pool.worthy()[0] is not leader
 
     def candidates(self, fit: Fit, evidence: Evidence) -> list[tuple[float, tuple[str, ...]]]:
@@ -117,16 +117,16 @@ class Challenge:
                      if lead > -(_PROMISING if len(s) > len(leader.causes) else SWAPPED)}
         fresh = [s for s in promising if not self._is_near(s)]
         further = [s for s in fresh if len(s) > len(leader.causes)]
-        starts: list[Fit] = []
+        starts, at_once = [], self.fitter.predictor.at_once
         for sets, tried, count in zip((further, [s for s in fresh if s not in further]), _STARTED, counts):
-            tries = [self.fitter.assess(self.start(leader, s, evidence), noise) for s in sets[:tried]]
+            tries = at_once([lambda s=s: self.fitter.assess(self.start(leader, s, evidence), noise)
+                             for s in sets[:tried]])
             starts += sorted(tries, key=lambda fit: -max(fit.hope - own, promising[fit.causes]))[:count]
         # where the derivatives place them all at once, single runs may be in worse minima than the leader's
         starts += [renamed(leader, s) for s in further[:_BESIDE]]
         stuck = self.stuck(leader, promising) if noise is self.pool.noise else []
-        self.pool.enter([self.pool.refined(start, noise) for start in starts])
-        for causes in stuck:
-            self.pool.enter([self.settled(leader, causes, evidence)])
+        self.pool.enter(at_once([partial(self.pool.refined, start, noise) for start in starts]))
+        self.pool.enter(at_once([partial(self.settled, leader, causes, evidence) for causes in stuck]))
         return promising
 
     def advised(self, leader: Fit, promising: Mapping[tuple[str, ...], float]) -> list[Fit]:
@@ -146,7 +146,8 @@ class Challenge:
                     advice[causes] = lead, fit, evidence
         best = sorted(advice, key=lambda causes: -advice[causes][0])[:_ADVISED]
         self.tried.update(best)
-        return [self.settled(fit, causes, evidence) for causes in best for _, fit, evidence in [advice[causes]]]
+        return self.fitter.predictor.at_once([partial(self.settled, fit, causes, evidence)
+                                              for causes in best for _, fit, evidence in [advice[causes]]])
 
     def stuck(self, leader: Fit, promising: Mapping[tuple[str, ...], float]) -> list[tuple[str, ...]]:
         """Settled rivals that fall short of what the leader's derivatives or their own promise, each once for a leader.

@@ -200,9 +200,10 @@ class Search:
         self.pool.enter([self.fitter.assess(self.fitter.refine(self.file, noise, 5), noise)])
         self.say("every cause alone, at several sizes")
         self.opened = self.scan.starts(self.file, self.causes, noise)
-        self.pool.enter(self.pool.refined(fit) for fit in self.opened)
-        for fit in self.pool.nearest():
-            self.pool.fits[fit.causes] = self.fitter.renewed(fit, noise, everything=False)
+        at_once = self.predictor.at_once
+        self.pool.enter(at_once([partial(self.pool.refined, fit) for fit in self.opened]))
+        renewed = at_once([partial(self.fitter.renewed, fit, noise, False) for fit in self.pool.nearest()])
+        self.pool.fits |= {fit.causes: fit for fit in renewed}
         self.pool.doubt_again()
 
     def _challenged(self, leader: Fit) -> bool:
@@ -220,7 +221,8 @@ class Search:
         with self.pool.trusting() as noise:
             for fit in best_of_each((self.fitter.assess(fit, noise) for fit in self.opened), 1)[:_FIRST]:
                 start = self.fitter.assess(self.fitter.relinearise(fit), noise)
-                self.pool.enter(self._by_their_own(self.scan.starts(start, self.causes, noise)))
+                self.pool.enter(self.predictor.at_once(
+                    self._by_their_own(self.scan.starts(start, self.causes, noise))))
 
     # -- from the vehicle file anew ---------------------------------------------------------------
 
@@ -235,22 +237,22 @@ class Search:
         self.scanned.add(causes)
         if not causes:  # each alone was scanned when the search began
             opened = [self.fitter.assess(fit, self.pool.noise) for fit in self.opened]
-            return [self._from_file(self.file), *self._by_their_own(opened)]
+            return self.predictor.at_once([partial(self._from_file, self.file), *self._by_their_own(opened)])
         start = self._in_file(fit, causes)
         if start is None:
             return []
         scanned = self.scan.starts(start, self.causes, self.pool.noise)
-        others = (self.pool.refined(other) for other in scanned)
-        return [self._from_file(start), *self._by_their_own(scanned), *others]
+        others = [partial(self.pool.refined, other) for other in scanned]
+        return self.predictor.at_once([partial(self._from_file, start), *self._by_their_own(scanned), *others])
 
-    def _by_their_own(self, starts: Iterable[Fit]) -> list[Fit]:
-        """The best of some starts whose causes are not settled yet, fitted by derivatives taken there.
+    def _by_their_own(self, starts: Iterable[Fit]) -> list[Callable[[], Fit]]:
+        """Fits of the best of some starts whose causes are not settled yet, by derivatives taken there.
 
         Where a cause moves crossings of the lash the derivatives are others, and a fit by those of the start is stuck.
         """
         near = {causes for causes, fit in self.pool.fits.items() if fit.near}
         fresh = [fit for fit in best_of_each(starts, 1) if fit.causes not in near][:_AFRESH]
-        return [self._from_file(self.fitter.relinearise(fit)) for fit in fresh]
+        return [lambda fit=fit: self._from_file(self.fitter.relinearise(fit)) for fit in fresh]
 
     def _in_file(self, fit: Fit, causes: tuple[str, ...]) -> Fit | None:
         """Some causes of a fit in the vehicle file, with derivatives taken there; None where it cannot be simulated."""
@@ -298,8 +300,7 @@ class Search:
         """
         rivals = [fit for fit in self._close(leader)
                   if not fit.settled and not set(leader.causes) <= set(fit.causes)][:REFITTED]
-        for fit in rivals:
-            self.pool.settle(fit)
+        self.pool.settle_all(rivals)
         return bool(rivals)
 
     def _once_more(self, leader: Fit) -> bool:
@@ -314,8 +315,10 @@ class Search:
             other = close[1] if fit is leader else leader
             elsewhere = self.challenge.start(other, fit.causes, self.fitter.judged(other, self.pool.noise))
             anew = self._in_file(fit, fit.causes) if fit.causes else self.file
-            starts = [elsewhere] if anew is None else [elsewhere, self.fitter.cooled(anew, self.pool.noise)]
-            ends = [self.pool.settled(start) for start in starts]
+            ways = [lambda start=elsewhere: self.pool.settled(start)]
+            if anew is not None:
+                ways.append(lambda start=anew: self.pool.settled(self.fitter.cooled(start, self.pool.noise)))
+            ends = self.predictor.at_once(ways)
             best, second, *_ = sorted((end.score for end in (fit, *ends)), reverse=True)
             self.refitted[fit.causes] = best - second
             self.pool.enter(ends)

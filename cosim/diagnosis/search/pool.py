@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from functools import partial
 
 import numpy as np
 
@@ -98,7 +99,13 @@ class Pool:
 
     def settle(self, fit: Fit, everything: bool = True) -> Fit:
         """Fitted in its place until new derivatives, by everything or as ``brought_near``, gain no more."""
-        settled = self.fits[fit.causes] = self.fitter.settle(fit, self.noise, everything)
+        return self.settle_all([fit], everything)[0]
+
+    def settle_all(self, fits: Iterable[Fit], everything: bool = True) -> list[Fit]:
+        """``settle``, of each."""
+        settled = self.fitter.predictor.at_once(
+            [partial(self.fitter.settle, fit, self.noise, everything) for fit in fits])
+        self.fits |= {fit.causes: fit for fit in settled}
         return settled
 
     # -- the noise --------------------------------------------------------------------------------
@@ -107,8 +114,8 @@ class Pool:
         """Compare under the noise of another leader; who is near it is fitted to that."""
         self.judged, self.plain = leader.causes, self.fitter.noise(leader)
         self._compare(self.doubted())
-        for fit in self.nearest():
-            moved = self.refined(fit)
+        near = self.nearest()
+        for fit, moved in zip(near, self.fitter.predictor.at_once([partial(self.refined, fit) for fit in near])):
             still = moved.score - fit.score < SETTLED
             moved.near, moved.settled = fit.near and still, fit.settled and still
             self.enter([moved])

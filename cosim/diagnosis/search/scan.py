@@ -6,7 +6,8 @@ are not the right ones; one that begins at a size nearby may do so too.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 from scipy.optimize import minimize, minimize_scalar
@@ -45,8 +46,9 @@ class Scan:
             The dozen that promise most, at most two of a cause, not fitted yet.
         """
         probes = self.probes(start, causes, (*SMALL, *LARGE))
-        points = [self.fitter.assess(probe, noise) for probe in probes]
-        points += [self.sized(start, fit, noise) for fit in best_of_each(points, 1)[:_SIZED]]
+        at_once = self.predictor.at_once
+        points = at_once([partial(self.fitter.assess, probe, noise) for probe in probes])
+        points += at_once([partial(self.sized, start, fit, noise) for fit in best_of_each(points, 1)[:_SIZED]])
         return best_of_each(points, 2)[:_SCANNED]
 
     def probes(self, best: Fit, causes: Iterable[str], sizes: Sequence[float]) -> list[Fit]:
@@ -57,7 +59,7 @@ class Scan:
             causes: Which.
             sizes: In detection limits; those that do nothing while they are small have sizes of their own.
         """
-        starts = []
+        placing: list[Callable[[], Fit | None]] = []
         for cause in causes:
             mine = self._sizes_of(cause)
             if cause in best.causes or not mine:
@@ -70,8 +72,8 @@ class Scan:
                 first, c = mine[0], self.coordinates[mine[0]]
                 tried = [x * c.parameter.detection for x in sizes]
                 tries = [{first: x} for x in tried if c.low <= x <= c.high]
-            starts += [self._placed(best, cause, changes) for changes in tries]
-        return [start for start in starts if start is not None]
+            placing += [partial(self._placed, best, cause, changes) for changes in tries]
+        return [start for start in self.predictor.at_once(placing) if start is not None]
 
     def sized(self, start: Fit, probe: Fit, noise: Noise) -> Fit:
         """A probe at the size that explains most, before everything else is fitted to a size that is not right.

@@ -1,6 +1,7 @@
 """Predictions and their sensitivities."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -50,6 +51,17 @@ def test_several_processes_say_the_same(car_and_run):
         with Predictor(car, [run], declared, workers) as predictor:
             found.append(predictor.jacobian([zero], predictor.all_runs([zero]), {0: columns})[0])
     assert np.array_equal(*found)
+
+
+def test_tasks_at_once_return_in_their_order_and_an_error_of_one_is_told(car_and_run):
+    car, run = car_and_run
+    declared = coordinates(car, [run])
+    points = [x * np.eye(len(declared))[0] for x in (0.0, 0.05, 0.1, 0.15)]
+    with Predictor(car, [run], declared, 2) as predictor:
+        found = predictor.at_once([partial(predictor.all_runs, [point]) for point in points])
+        assert np.array_equal(found, [predictor.all_runs([point]) for point in points])
+        with pytest.raises(ZeroDivisionError):
+            predictor.at_once([lambda: 1, lambda: 1 // 0])
 
 
 def test_what_only_instruments_feel_takes_no_new_simulation(car_and_run, monkeypatch):

@@ -197,6 +197,25 @@ def test_a_leader_is_settled_by_everything_only_after_everything_was_scanned_bes
     assert [scanned for causes, scanned in settled if causes == ("phase", "size")][0]
 
 
+class AtOnce(Plant):
+    """Several fits at once, their simulations in this process."""
+
+    def __init__(self, hidden):
+        super().__init__(hidden)
+        self.workers, self._pool = 3, "of nobody"
+
+    def many(self, jobs):
+        return [self.predict(*job) for job in jobs]
+
+
+def test_fits_that_know_nothing_of_each_other_are_the_same_at_once():
+    hidden = {"size": 0.4, "curve": 0.9}
+    (_, one), several = found(hidden), Search(AtOnce(hidden), lambda text: None).run()
+    assert [fit.causes for fit in several.alternatives] == [fit.causes for fit in one.alternatives]
+    for here, there in zip(several.alternatives, one.alternatives):
+        assert here.score == there.score and np.array_equal(here.shared, there.shared)
+
+
 def test_two_causes_are_found():
     assert set(found({"size": 0.4, "curve": 0.9})[1].best.causes) == {"size", "curve"}
 
