@@ -377,6 +377,11 @@ class Predictor:
         return found
 
 
+def amplitude(parts: Sequence[float]) -> float:
+    """Of a swing, by both of its components in every run: root mean square over the runs."""
+    return float(np.sqrt(2.0 * np.mean(np.square(parts))))
+
+
 def _shaken(shown: CubicSpline, random: np.random.Generator) -> CubicSpline:
     """A channel with as much noise again as it has."""
     values = shown(shown.x)

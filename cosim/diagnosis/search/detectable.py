@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from cosim.diagnosis.fit.evidence import Evidence, prior
-from cosim.diagnosis.fit.predict import Coordinate
+from cosim.diagnosis.fit.predict import Coordinate, amplitude
 
 Simulate = Callable[[Sequence[np.ndarray]], Sequence[list[np.ndarray] | None]]
 _SIDES = (-1.0, 1.0)  # smaller, larger
@@ -116,12 +116,12 @@ def large(smallest: Mapping[int, tuple[float, float]], coordinates: Sequence[Coo
 
 
 def _size(coordinates: Sequence[Coordinate], point: np.ndarray, place: int) -> float:
-    """Where a parameter is; of a swing its amplitude, root mean square over all runs."""
+    """Where a parameter is; of a swing its amplitude."""
     c = coordinates[place]
     if not c.phase:
         return float(point[place])
-    parts = [point[i] for i, other in enumerate(coordinates) if (other.cause, other.name) == (c.cause, c.name)]
-    return float(np.sqrt(2.0 * np.mean(np.square(parts))))
+    return amplitude([point[i] for i, other in enumerate(coordinates)
+                      if (other.cause, other.name) == (c.cause, c.name)])
 
 
 def would_show(smallest: Mapping[int, tuple[float, float]], coordinates: Sequence[Coordinate],

@@ -10,6 +10,7 @@ import numpy as np
 
 from cosim.diagnosis.fit.fitting import SETTLED, Fit, Fitter
 from cosim.diagnosis.fit.noise import Noise
+from cosim.diagnosis.fit.predict import amplitude
 
 SMALLEST = 0.9  # of a cause, in detection limits: less is what healthy cars differ by, or an error of another's fit
 REFITTED = 4  # of the likeliest that get a fit of their own at once
@@ -67,7 +68,7 @@ class Pool:
         found = [fit.shared[i] / self.coordinates[i].parameter.detection for i in places]
         swings = [x for i, x in zip(places, found) if self.coordinates[i].run is not None]
         if swings:  # two components for each run
-            return float(np.sqrt(2.0 * np.mean(np.square(swings))))
+            return amplitude(swings)
         return float(np.min(np.abs(found)))
 
     def _shows(self, fit: Fit, cause: str) -> bool:
