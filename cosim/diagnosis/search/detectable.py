@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,8 +22,22 @@ _STEP = (1.05, 1.5)  # by which it is enlarged, at least and at most
 _ENOUGH = 0.95  # share of what is needed that counts as that
 
 
+class Shown(NamedTuple):
+    """The smallest size of a parameter that runs would show.
+
+    Attributes:
+        below, above: Distances from 0 of what is searched, downwards and upwards; for a swing its amplitude in all
+            runs. Infinite where the runs do not show it while it is plausible.
+        price: Log evidence that it costs to suppose the cause, whatever its size.
+    """
+
+    below: float
+    above: float
+    price: float
+
+
 def detectable(evidence: Evidence, coordinates: Sequence[Coordinate], needed: float,
-               simulate: Simulate) -> dict[int, tuple[float, float]]:
+               simulate: Simulate) -> dict[int, Shown]:
     """The smallest size of each cause's parameter that the runs would show, of nothing else wrong.
 
     Derivatives say where to look, simulations there whether it is enough: a loss that is a tenth of another has little
@@ -36,16 +50,15 @@ def detectable(evidence: Evidence, coordinates: Sequence[Coordinate], needed: fl
         simulate: What changes of the coordinates change in every run, whitened; None where that cannot be simulated.
 
     Returns:
-        By the place of its first coordinate: distances from 0 of what is searched, downwards and upwards; for a swing
-        its amplitude in all runs. Infinite where the runs do not show it while it is plausible. Without causes that do
-        nothing while they are small: derivatives do not say when these show.
+        By the place of its first coordinate. Without causes that do nothing while they are small: derivatives do not
+        say when these show.
     """
     healthy, units = prior(coordinates, ()), _units(coordinates)
-    trials = []
+    trials, prices = [], {}
     for i, unit in units.items():
         wide = prior(coordinates, (coordinates[i].cause,))
         apart, imitated = (evidence.separation(unit, spread) ** 2 for spread in (healthy, wide))
-        price = evidence.occam(wide) - evidence.occam(healthy)
+        price = prices[i] = evidence.occam(wide) - evidence.occam(healthy)
         size = float(np.sqrt(2.0 * (needed + price) / (apart - imitated))) if apart > imitated else np.inf
         trials += [_Trial(i, side, size, imitated, price) for side in _SIDES]
     sizes: dict[tuple[int, float], float] = {}
@@ -59,7 +72,7 @@ def detectable(evidence: Evidence, coordinates: Sequence[Coordinate], needed: fl
             larger = np.sqrt((needed + trial.price) / max(told + trial.price, 1e-9))
             trial.size *= float(np.clip(larger, *_STEP))
         trials = [trial for trial in trials if (trial.place, trial.side) not in sizes]
-    return {i: tuple(sizes.get((i, side), np.inf) for side in _SIDES) for i in units}
+    return {i: Shown(*(sizes.get((i, side), np.inf) for side in _SIDES), prices[i]) for i in units}
 
 
 @dataclass
@@ -101,18 +114,26 @@ def _plausible(c: Coordinate, x: float) -> bool:
     return (0.0 if c.phase else c.low) <= x <= c.high
 
 
-def large(smallest: Mapping[int, tuple[float, float]], coordinates: Sequence[Coordinate], point: np.ndarray,
-          cause: str) -> bool:
-    """Whether one parameter of a cause is as large as the runs would show; also where nobody knows what they would.
+def told(smallest: Mapping[int, Shown], coordinates: Sequence[Coordinate], point: np.ndarray, cause: str,
+         needed: float) -> float:
+    """Log evidence over the healthy car that data which show a cause as large as that have, on average.
+
+    It grows with the square of the size, by its parameter that shows most; infinite where nobody knows.
 
     Args:
         smallest: Sizes, as ``detectable`` gives them.
         coordinates: Of these.
         point: Coordinates, as they were found.
         cause: Which.
+        needed: Log evidence that these sizes have.
     """
-    sizes = {i: _size(coordinates, point, i) for i in smallest if coordinates[i].cause == cause}
-    return not sizes or any(size <= -smallest[i][0] or size >= smallest[i][1] for i, size in sizes.items())
+    found = []
+    for i, shown in smallest.items():
+        if coordinates[i].cause == cause:
+            size = _size(coordinates, point, i)
+            share = size / (shown.above if size > 0.0 else -shown.below)
+            found.append((needed + shown.price) * share**2 - shown.price)
+    return max(found, default=np.inf)
 
 
 def _size(coordinates: Sequence[Coordinate], point: np.ndarray, place: int) -> float:
@@ -124,7 +145,7 @@ def _size(coordinates: Sequence[Coordinate], point: np.ndarray, place: int) -> f
                       if (other.cause, other.name) == (c.cause, c.name)])
 
 
-def would_show(smallest: Mapping[int, tuple[float, float]], coordinates: Sequence[Coordinate],
+def would_show(smallest: Mapping[int, Shown], coordinates: Sequence[Coordinate],
                values: Mapping[str, float]) -> list[dict[str, Any]]:
     """The same as ``finding.json`` has it: below and above which value each parameter would have been named.
 
@@ -136,7 +157,7 @@ def would_show(smallest: Mapping[int, tuple[float, float]], coordinates: Sequenc
         values: Of the vehicle file.
     """
     rows = []
-    for i, (down, up) in smallest.items():
+    for i, (down, up, _) in smallest.items():
         c = coordinates[i]
         nominal, _, unit = c.parameter.physical(c.parameter.neutral, values)
         below, above = (c.parameter.physical(c.parameter.size(x), values)[1] if _plausible(c, x) else None

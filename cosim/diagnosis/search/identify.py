@@ -27,7 +27,7 @@ from cosim.diagnosis.fit.noise import Noise
 from cosim.diagnosis.fit.predict import Coordinate, Predictor
 from cosim.diagnosis.search.alike import alike, instead
 from cosim.diagnosis.search.challenge import SWAPPED_CAUSES, Challenge
-from cosim.diagnosis.search.detectable import detectable, large
+from cosim.diagnosis.search.detectable import Shown, detectable, told
 from cosim.diagnosis.search.pool import REFITTED, Pool
 from cosim.diagnosis.search.reach import around, twins
 from cosim.diagnosis.search.scan import Scan, best_of_each, key, renamed
@@ -73,7 +73,7 @@ class Identification:
     healthy: Fit
     noise: Noise
     alike: list[tuple[str, ...]]
-    detectable: dict[int, tuple[float, float]]
+    detectable: dict[int, Shown]
     temper: float = _TEMPER
 
     def shares(self) -> np.ndarray:
@@ -97,15 +97,23 @@ class Identification:
     def significant(self, coordinates: Sequence[Coordinate]) -> Identification:
         """The same, with nothing wrong as the best where no cause is significant.
 
-        That is where nothing has one chance in three, or no cause is as large as these runs would show: what names
-        something so small is no evidence for it, but that one fit got further than another.
+        That is where nothing has one chance in three, or no cause is as large as these runs would show: more evidence
+        than such a size has is none for it, but that one fit got further than another.
         """
         nothing = sum(share for fit, share in zip(self.alternatives, self.shares()) if not fit.causes)
-        shows = any(large(self.detectable, coordinates, self.best.shared, cause) for cause in self.best.causes)
+        shows = any(self._shows(coordinates, cause) for cause in self.best.causes)
         if not self.best.causes or nothing < _NOTHING and shows:
             return self
         others = [fit for fit in self.alternatives if fit.causes]
         return replace(self, best=self.healthy, alternatives=[self.healthy, *others])
+
+    def _shows(self, coordinates: Sequence[Coordinate], cause: str) -> bool:
+        """Whether a cause of the best is large enough to be named; of several that do the same each may be smaller, as
+        they are as many chances that one of them is there."""
+        same = next((group for group in self.alike if cause in group), (cause,))
+        needed = named_from(self.temper)
+        return told(self.detectable, coordinates, self.best.shared, cause, needed) >= (
+            needed - self.temper * np.log(len(same)))
 
 
 class Search:
@@ -152,8 +160,8 @@ class Search:
         self._put_instead()
         self._put_around()
         leader, *others = self._likeliest([fit for fit in self.pool.worthy() if self.pool.plausible(fit)])
-        noise, named = self.pool.noise, -EFFECT + self.temper * np.log(1.0 / _NOTHING - 1.0)
-        shown = detectable(self.fitter.seen(self.file, noise), self.coordinates, named,
+        noise = self.pool.noise
+        shown = detectable(self.fitter.seen(self.file, noise), self.coordinates, named_from(self.temper),
                            partial(self.fitter.changed, self.file, noise))
         return Identification(leader, [leader, *others], self.pool.fits[()], noise, self.alike, shown,
                               self.temper).significant(self.coordinates)
@@ -395,6 +403,11 @@ def tempered(scatter: float) -> float:
         scatter: By how much the best of some fits of the same supposition is better than the next [log evidence].
     """
     return float(np.hypot(_TEMPER, np.sqrt(np.pi / 8.0) * scatter))
+
+
+def named_from(temper: float) -> float:
+    """Log evidence over the healthy car from which on a cause is named, if no other may be there."""
+    return -EFFECT + temper * float(np.log(1.0 / _NOTHING - 1.0))
 
 
 def separation(lead: float, temper: float = _TEMPER) -> float:

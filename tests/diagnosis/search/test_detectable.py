@@ -9,7 +9,7 @@ import pytest
 from cosim.diagnosis.effect import factor, shift
 from cosim.diagnosis.fit.evidence import Evidence, Layout, Slopes, prior
 from cosim.diagnosis.fit.predict import Coordinate
-from cosim.diagnosis.search.detectable import detectable, large, would_show
+from cosim.diagnosis.search.detectable import Shown, detectable, told, would_show
 
 SAMPLES, NEEDED = 80, 8.0
 
@@ -46,7 +46,18 @@ def test_data_of_that_size_have_just_the_evidence_that_is_needed(problem):
         lead = np.subtract(*(evidence.posterior(prior(coordinates, causes)).log_evidence
                              for causes in ((coordinates[i].cause,), ())))
         assert lead == pytest.approx(NEEDED, abs=1e-6)
-    assert found[0][0] < 0.5 * found[1][0] and found[2] == (np.inf, np.inf) and set(found) == {0, 1, 2, 3}
+    assert found[0][0] < 0.5 * found[1][0] and found[2][:2] == (np.inf, np.inf) and set(found) == {0, 1, 2, 3}
+
+
+def test_another_size_has_the_evidence_that_is_told(problem):
+    coordinates, jacobian, slopes = problem
+    found = detectable(seen(slopes, np.zeros(SAMPLES)), coordinates, NEEDED, partial(straight, jacobian))
+    for i, share in ((0, 0.7), (0, -1.4), (1, 0.2)):
+        point = share * found[i].above * np.eye(7)[i]
+        evidence = seen(slopes, jacobian @ point)
+        lead = np.subtract(*(evidence.posterior(prior(coordinates, causes)).log_evidence
+                             for causes in ((coordinates[i].cause,), ())))
+        assert told(found, coordinates, point, coordinates[i].cause, NEEDED) == pytest.approx(lead, abs=1e-6)
 
 
 def test_what_was_measured_does_not_matter(problem):
@@ -69,20 +80,21 @@ def test_a_size_is_enough_only_where_it_is_simulated_to_be(problem):
 
     plain, found = (detectable(seen(slopes, np.zeros(SAMPLES)), coordinates, NEEDED, simulate)
                     for simulate in (partial(straight, jacobian), bent))
-    assert plain[0][0] > 0.01 and found[0] == (np.inf, plain[0][1])
-    assert found[1] == pytest.approx([size / 0.7 for size in plain[1]], rel=0.05)
+    assert plain[0][0] > 0.01 and found[0][:2] == (np.inf, plain[0][1])
+    assert found[1][:2] == pytest.approx([size / 0.7 for size in plain[1][:2]], rel=0.05)
 
 
 def test_what_cannot_be_simulated_would_not_show(problem):
     coordinates, jacobian, slopes = problem
     found = detectable(seen(slopes, np.zeros(SAMPLES)), coordinates, NEEDED, lambda changes: [None] * len(changes))
-    assert set(found.values()) == {(np.inf, np.inf)}
+    assert {shown[:2] for shown in found.values()} == {(np.inf, np.inf)}
 
 
 def test_sizes_are_told_in_the_unit_of_the_value_and_only_if_plausible():
     coordinates = [coordinate("stiffness"), coordinate("offset", make=shift, low=-0.1),
                    replace(coordinate("swing", run=0, make=shift), phase="swing.phase")]
-    rows = would_show({0: (0.2, 0.2), 1: (0.5, 0.5), 2: (0.3, 0.3)}, coordinates, {"stiffness": 100.0, "offset": 2.0})
+    shown = {i: Shown(size, size, 1.0) for i, size in enumerate((0.2, 0.5, 0.3))}
+    rows = would_show(shown, coordinates, {"stiffness": 100.0, "offset": 2.0})
     assert rows[0] == {"effect": "stiffness", "parameter": "stiffness", "nominal": 100.0,
                        "below": pytest.approx(100.0 * np.exp(-0.2)), "above": pytest.approx(100.0 * np.exp(0.2)),
                        "unit": "N.m"}
@@ -90,19 +102,20 @@ def test_sizes_are_told_in_the_unit_of_the_value_and_only_if_plausible():
     assert rows[2]["below"] is None and rows[2]["above"] == pytest.approx(0.3)  # an amplitude
 
 
-def test_what_was_found_is_as_large_as_would_show_to_its_own_side_or_in_one_of_its_parameters():
+def test_a_cause_is_told_by_its_parameter_that_shows_most_to_the_side_where_it_is():
     swings = [replace(coordinate("swing", run=run), phase="swing.phase", part=part)
               for run in (0, 1) for part in (0, 1)]
     coordinates = [coordinate("load"), replace(coordinate("load"), name="other"), *swings, coordinate("late")]
-    smallest = {0: (0.2, 0.4), 1: (0.3, np.inf), 2: (np.inf, 0.5)}
+    smallest = {0: Shown(0.2, 0.4, 2.0), 1: Shown(0.3, np.inf, 3.0), 2: Shown(np.inf, 0.5, 1.0)}
 
     def found(cause, **at):
         point = np.zeros(7)
         for name, value in at.items():
             point[int(name[1:])] = value
-        return large(smallest, coordinates, point, cause)
+        return told(smallest, coordinates, point, cause, NEEDED)
 
-    assert found("load", _0=-0.2) and not found("load", _0=-0.19) and not found("load", _0=0.3)
-    assert found("load", _0=0.3, _1=-0.4) and not found("load", _0=0.3, _1=9.0)
-    assert found("swing", _2=-0.4, _3=0.31, _4=0.0, _5=0.51) and not found("swing", _2=-0.4, _3=0.2, _4=0.4, _5=0.2)
-    assert found("late", _6=0.01)  # nobody knows from which size on that shows
+    assert found("load", _0=-0.2) == found("load", _0=0.4) == pytest.approx(NEEDED)
+    assert found("load", _0=0.2) == pytest.approx(0.25 * (NEEDED + 2.0) - 2.0)
+    assert found("load", _0=0.2, _1=-0.3) == pytest.approx(NEEDED) and found("load", _0=0.2, _1=9.0) < 1.0
+    assert found("swing", _2=-0.3, _3=0.4, _4=0.0, _5=0.5) == pytest.approx(NEEDED)  # an amplitude of 0.5 in both
+    assert found("late", _6=0.01) == np.inf  # nobody knows from which size on that shows

@@ -10,6 +10,7 @@ from scipy.stats import norm
 from vibration import CLOCK, DETECTION, Plant, WithPlay, WithStages, found
 
 from cosim.diagnosis import catalogue
+from cosim.diagnosis.search.detectable import Shown
 from cosim.diagnosis.search.identify import APART, Identification, Search, tempered
 from cosim.diagnosis.search.pool import SMALLEST
 
@@ -149,14 +150,24 @@ def test_a_cause_is_named_that_is_twice_as_likely_as_nothing(lead, best):
 @pytest.mark.parametrize("size, significant", [(0.9, False), (1.1, True), (-1.9, False), (-2.1, True)])
 def test_no_cause_is_named_that_is_smaller_than_the_recordings_show(size, significant):
     """However far it leads: its own size cannot be the reason."""
-    drag, other = (SimpleNamespace(cause=cause, name=cause, phase="") for cause in ("drag", "other"))
+    drag = SimpleNamespace(cause="drag", name="drag", phase="")
     healthy, dragged = (SimpleNamespace(causes=causes, effects=causes, score=score, hope=score, near=True,
-                                        shared=np.array([0.0, size]))
-                        for causes, score in (((), 0.0), (("drag",), 9.0)))
-    found = Identification(dragged, [dragged, healthy], healthy, None, [], {0: (9.0, 9.0), 1: (2.0, 1.0)})
-    assert found.significant([other, drag]).best.causes == (("drag",) if significant else ())
-    beside = SimpleNamespace(**{**vars(dragged), "causes": ("drag", "new"), "effects": ("drag", "new")})
-    assert replace(found, best=beside, alternatives=[beside, healthy]).significant([other, drag]).best is beside
+                                        shared=np.array([size])) for causes, score in (((), 0.0), (("drag",), 9.0)))
+    found = Identification(dragged, [dragged, healthy], healthy, None, [], {0: Shown(2.0, 1.0, 1.7)})
+    assert found.significant([drag]).best.causes == (("drag",) if significant else ())
+
+
+def test_two_that_do_the_same_are_two_chances_that_something_is_there():
+    """Each may be smaller than what shows of one alone."""
+    coordinates = [SimpleNamespace(cause=cause, name=cause, phase="") for cause in ("slope", "tilt")]
+    healthy, slope, tilt = (SimpleNamespace(causes=causes, effects=causes, score=score, hope=score, near=True,
+                                            shared=np.array([0.91, 0.97]))
+                            for causes, score in (((), 0.0), (("slope",), 2.0), (("tilt",), 2.0)))
+    shown = {0: Shown(1.0, 1.0, 1.7), 1: Shown(1.0, 1.0, 1.7)}
+    rivals = Identification(slope, [slope, tilt, healthy], healthy, None, [], shown)
+    assert rivals.significant(coordinates).best is healthy
+    same = replace(rivals, alike=[("tilt", "slope")])
+    assert same.significant(coordinates) is same
 
 
 def test_where_fits_of_the_same_supposition_differ_a_lead_counts_for_less():
