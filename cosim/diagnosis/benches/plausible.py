@@ -71,10 +71,11 @@ def _check_motions(torques: Torques, shares: Mapping[str, _Share]) -> None:
         # noise in the position makes it less, that in the speed makes its inverse less
         if explained < _GOES_WITH or min(_off(share), _off(share / explained)) < _MOTION:
             continue
-        masses = float(np.median([s.masses for s in shares.values()])) if shares else None
-        own = None if masses is None else _off(masses) < _off(masses / share)
-        said = "has the other sign than" if share < 0.0 else f"is {share:.3g} times"
-        raise _refusal(f"{name} {said} what {position} makes it", share, own, name, position)
+        said, suspect = "has the other sign than" if share < 0.0 else f"is {share:.3g} times", None
+        if shares:
+            masses = float(np.median([s.masses for s in shares.values()]))
+            suspect = name if _off(masses) < _off(masses / share) else position
+        raise _refusal(f"{name} {said} what {position} makes it", share, name, position, suspect)
 
 
 def _check_torques(torques: Torques, shares: Mapping[str, _Share]) -> None:
@@ -84,20 +85,32 @@ def _check_torques(torques: Torques, shares: Mapping[str, _Share]) -> None:
         return
     channel = max(off, key=lambda name: _off(off[name].masses))
     share, motion = off[channel], torques.plant.motion_of(torques.runs[0])
-    # the motion is right for one channel, or wrong for all; of one alone friction says whether it is the motion's unit
-    own = True if len(off) < len(shares) else False if len(off) > 1 else share.alike if share.masses > 0.0 else None
+    suspect = None
+    if len(off) < len(shares):  # the motion is right for another
+        suspect = channel
+    elif len(off) > 1:
+        suspect = motion
+    elif share.masses > 0.0 and share.alike is not None:
+        suspect = channel if share.alike else motion
     said = (f"has the other sign than what {motion} needs" if share.masses < 0.0 else f"goes with the acceleration "
             f"{share.masses:.4g} times as much as the masses of the vehicle file make it")
-    raise _refusal(f"{channel} {said}", share.masses, own, channel, motion)
+    raise _refusal(f"{channel} {said}", share.masses, channel, motion, suspect)
 
 
-def _refusal(said: str, share: float, own: bool | None, channel: str, motion: str) -> InputError:
-    """What is off, and where to look: at the channel itself, at the motion, or, where nobody can say, at both."""
-    whose, factor = ((f"{channel} or {motion}", None) if own is None else (channel, share) if own
-                     else (motion, 1.0 / share))
+def _refusal(said: str, share: float, channel: str, motion: str, suspect: str | None) -> InputError:
+    """What is off, and where to look: at the channel, or at the motion; at both where nobody can say.
+
+    Args:
+        said: What is off.
+        share: How many times the channel is what the motion makes it.
+        channel, motion: Which.
+        suspect: One of them, or None.
+    """
+    whose = suspect or f"{channel} or {motion}"
     if share < 0.0:
         return InputError(f"{said}: is the sign of {whose} right?")
-    return InputError(f"{said}: is the unit of {whose} right?{as_if(whose, factor) if factor else ''}")
+    hint = as_if(suspect, share if suspect == channel else 1.0 / share) if suspect else ""
+    return InputError(f"{said}: is the unit of {whose} right?{hint}")
 
 
 def _off(share: float) -> float:
