@@ -279,7 +279,7 @@ def _values(predictor: Predictor, fit: Fit, told: Sequence[Mapping[str, Any]]) -
 def _localise(diagnosis: Diagnosis, listed: list[Disturbance]) -> None:
     """Where a torque is missing beside what is sure, and what that goes with; what is not sure may only imitate it."""
     first = listed[0]
-    variable, shape, _ = goes_with(first.table, first.follows)
+    variable, shape, _ = goes_with(first.table, first.follows, first.shape)
     diagnosis.finding["unknown"] = {
         "balance": PLACES[first.place].balance, "place": first.place,
         "balances": list(dict.fromkeys(PLACES[d.place].balance for d in tied(listed))),

@@ -32,7 +32,7 @@ def test_where_nothing_is_wrong_the_likeliest_that_is_not_excluded_is_looked_for
         return SimpleNamespace(causes=causes, effects=causes, score=score, hope=score, near=True)
 
     healthy, drag, slope = fit(0.0), fit(-0.5, "coulomb_drag"), fit(-4.0, "road_grade")
-    found = Identification(healthy, [healthy, drag, slope], healthy, None, [], {})
+    found = Identification(healthy, [healthy, drag, slope], healthy, None, [], [], {})
     asked = {}
 
     def propose(fitter, found, rivals):

@@ -229,6 +229,18 @@ def test_beside_nothing_what_is_not_excluded_is_told_and_nowhere_else(base):
     assert "nothing, or something else 59 %" in said and "It is in" not in said and "Why" not in said
 
 
+@pytest.mark.parametrize("below, above, said", [
+    (None, 0.04, "Smaller than would show in these recordings alone: from 0.04 s on."),
+    (None, None, "No plausible size of it alone would show in these recordings."), (-0.04, 0.03, "")])
+def test_a_cause_that_is_smaller_than_would_show_is_told_from_where_it_would(base, below, above, said):
+    given, doubted = diagnosis(base, "none"), diagnosis(base, "ambiguous").finding
+    row = {"effect": "wheel_speed_delay", "parameter": "wheel_speed_delay", "nominal": 0.0, "unit": "s"}
+    given.finding |= {"causes": doubted["causes"][1:], "ambiguous_with": doubted["ambiguous_with"][:1],
+                      "would_show": [*given.finding["would_show"], {**row, "below": below, "above": above}]}
+    page = " ".join(words(render(given)).split())
+    assert said in page and ("would show in" in page) is bool(said)
+
+
 def test_a_confirmed_cause_beside_something_unknown_is_named(base):
     given = diagnosis(base, "unknown")
     given.finding |= {key: diagnosis(base, "cause").finding[key] for key in ("together", "causes")}

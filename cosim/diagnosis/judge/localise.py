@@ -7,6 +7,7 @@ just lasts, with the one over which its picture is a curve.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -17,18 +18,24 @@ from cosim.diagnosis.fit.fitting import Fit
 from cosim.diagnosis.fit.noise import Noise
 from cosim.diagnosis.fit.predict import Predictor
 from cosim.diagnosis.judge.finding import NOTHING
+from cosim.diagnosis.judge.mounts import SUPPOSED, words
 from cosim.diagnosis.judge.torques import (
     BENDS,
     CONSTANT,
+    ENGINE_TORQUE,
     HEIGHTS,
     LASTING,
     QUICK,
+    ROLL,
     SHAFT_TORQUE,
     Healthy,
     Torque,
     bent,
+    housings,
     knots_of,
+    likeliest,
     pieces,
+    quick_at,
     signals_of,
     slopes_of,
 )
@@ -59,6 +66,7 @@ class Disturbance:
         alone: Of each recording as if it were the only one.
         table: Torque, its standard deviation, and what it may go with, at all hats of all runs.
         follows: The variable it follows as fast as that moves; empty where it is no more than a torque over time.
+        shape: How it does, in words, where that is known by a law.
     """
 
     place: str
@@ -66,6 +74,7 @@ class Disturbance:
     alone: np.ndarray
     table: dict[str, np.ndarray] = field(repr=False)
     follows: str = ""
+    shape: str = ""
 
     @property
     def size(self) -> float:
@@ -115,13 +124,20 @@ def disturbances(predictor: Predictor, fit: Fit, noise: Noise, places: Collectio
     scales = noise.undoubted.scales
     signals = [signals_of(predictor, fit, r) for r in range(len(runs))]
     followed = {name: [pieces(name, own, signals) for own in signals] for name in QUICK}
+    followed[ROLL] = housings(predictor, signals)
     moved = {(place, name): [h / scale[:, None] for h, scale in zip(slopes, scales)]
              for place in dict.fromkeys((*places, *(place for place, _ in BENDS)))
-             for name, slopes in slopes_of(predictor, fit, place, followed).items()}
+             for name, slopes in slopes_of(predictor, fit, place, {
+                 name: followed[name] for name in quick_at(place)}).items()}
     bends = {(place, name): bent(place, name, knots_of(name, signals), loaded) for place, name in BENDS}
     healthy = [Healthy(layout, r, fit, (run.stacked - fit.predicted[r]) / scale, scale,
                        [sizes * moved[which][r] for which, sizes in bends.items()])
                for r, (run, scale) in enumerate(zip(runs, scales))]
+    # of what may be supposed of the mounts only what explains most goes on, and pays for its choice
+    mounts = {place: likeliest(healthy, moved[place, ROLL], _SIZES * PLACES[place].size)
+              for place in places if ROLL in quick_at(place)}
+    for place, one in mounts.items():
+        moved[place, ROLL] = [h[:, [one]] for h in moved[place, ROLL]]
     supposed = {(place, name): Torque(healthy, slopes, *HEIGHTS[name])
                 for (place, name), slopes in moved.items() if place in places}
     # a plant of another structure is never right to the noise: errors count as what the best supposition leaves
@@ -130,21 +146,29 @@ def disturbances(predictor: Predictor, fit: Fit, noise: Noise, places: Collectio
         sizes = {which: max(_SIZES * PLACES[which[0]].size, key=lambda size, torque=torque: torque.gain(size, left))
                  for which, torque in supposed.items()}
         left = [max(1.0, min(leaves)) for leaves in zip(*(t.left(sizes[which], left) for which, t in supposed.items()))]
-    gains = {which: torque.gain(sizes[which], left) for which, torque in supposed.items()}
+    gains = {which: torque.gain(sizes[which], left) - (which[1] == ROLL) * math.log(len(SUPPOSED))
+             for which, torque in supposed.items()}
     at_hats = [sampled(run, own) for run, own in zip(runs, signals)]
     found = []
     for place in places:
         # a curve has to be more than a constant, and more than what goes with nothing
         least = max(gains[place, LASTING], gains[place, CONSTANT]) + _MORE
-        quick = max(QUICK, key=lambda name, place=place: gains[place, name] + _OWN * _is_own(name, place))
+        quick = max(quick_at(place), key=lambda name, place=place: gains[place, name] + _OWN * _is_own(name, place))
         best = quick if gains[place, quick] > least else LASTING
         heights = supposed[place, best].solve(sizes[place, best], left)
         tables = []
         for r, (at, (mean, covariance)) in enumerate(zip(at_hats, heights)):
-            shown = np.eye(mean.size) if best == LASTING else pieces(best, at, signals)
+            if best == LASTING:
+                shown = np.eye(mean.size)
+            elif best == ROLL:
+                shown = np.interp(hats(runs[r]), runs[r].time, followed[ROLL][r][:, mounts[place]])[:, None]
+            else:
+                shown = pieces(best, at, signals)
             tables.append(pictured(r, shown, mean, covariance, at))
         alone = supposed[place, best].alone(sizes[place, best], left)
-        found.append(Disturbance(place, gains[place, best], alone, joined(tables), "" if best == LASTING else best))
+        follows = {LASTING: "", ROLL: ENGINE_TORQUE}.get(best, best)
+        found.append(Disturbance(place, gains[place, best], alone, joined(tables), follows,
+                                 words(mounts[place]) if best == ROLL else ""))
     return sorted(found, key=lambda d: -d.gain)
 
 
@@ -163,16 +187,16 @@ def _is_own(variable: str, place: str) -> bool:
     return variable == ("twist" if PLACES[place].shaft else SHAFT_TORQUE)
 
 
-def goes_with(table: Mapping[str, np.ndarray], follows: str = "") -> tuple[str, str, float]:
+def goes_with(table: Mapping[str, np.ndarray], follows: str = "", shape: str = "") -> tuple[str, str, float]:
     """What the torque of a table goes with: variable, shape, share of its variance (predicted across stretches).
 
-    ``NOTHING`` where it goes with none of the variables; ``follows`` where that was found out already.
+    ``NOTHING`` where it goes with none of the variables; ``follows`` and ``shape`` where that was found out already.
 
     Over some variables many curves are tried. So what counts is how much more they predict than of the same torque
     in another order, which goes with nothing.
     """
     if follows:
-        return follows, _shapes(table, follows), 1.0
+        return follows, shape or _shapes(table, follows), 1.0
     random = np.random.default_rng(1)
     torque, weight = table["torque"], 1.0 / table["std"] ** 2
     runs = [np.flatnonzero(table["run"] == r) for r in np.unique(table["run"])]

@@ -2,9 +2,9 @@
 
 A torque may be anything that lasts: a row of hats over time whose heights belong to an Ornstein-Uhlenbeck process. Or
 it follows a variable of the driveline as fast as that moves: a curve over it, the same in all runs (``FOLLOWED``) or
-in each its own (the engine's torque), or a wave once a revolution of the wheels. What each piece does to all channels
-is simulated; the most probable torque and its evidence follow in closed form, beside everything that healthy cars may
-differ by.
+in each its own (the engine's torque), or a wave once a revolution of the wheels. What turns the gears may be a housing
+that rolls on its mounts (``mounts``). What each piece does to all channels is simulated; the most probable torque and
+its evidence follow in closed form, beside everything that healthy cars may differ by.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from scipy.linalg import block_diag, cho_factor, cho_solve
 from cosim.diagnosis.fit.evidence import Layout, prior
 from cosim.diagnosis.fit.fitting import Fit
 from cosim.diagnosis.fit.predict import Predictor
+from cosim.diagnosis.judge.mounts import turned
 from cosim.diagnosis.plants import STEP
 from cosim.diagnosis.plants.car import PLACES
 from cosim.diagnosis.plants.hats import LONG_MEMORY, correlation, row
@@ -26,6 +27,7 @@ SHAFT_TORQUE = "shaft torque"  # what the propeller shaft carries, beside the to
 ENGINE_TORQUE = "engine torque"  # what housings bear before a shaft carries any: no shaft does while a lash is crossed
 FOLLOWED = ("speed", SHAFT_TORQUE, "twist", "time")
 QUICK = ("wheel angle", ENGINE_TORQUE, *FOLLOWED)
+ROLL = "roll"  # of the housing on its mounts, by one of what ``mounts`` supposes
 LASTING, CONSTANT = "lasting", "constant"
 LASTS = 0.3  # s: how long a torque that lasts stays alike
 _KNOTS = 7  # of a curve
@@ -54,6 +56,19 @@ def signals_of(predictor: Predictor, fit: Fit, r: int) -> dict[str, np.ndarray]:
         "wheel angle": np.cumsum(raw["wheel_speed"]) * STEP}
 
 
+def quick_at(place: str) -> tuple[str, ...]:
+    """What a torque at a place may follow as fast as that moves."""
+    return (*QUICK, ROLL) if PLACES[place].turned else QUICK
+
+
+def housings(predictor: Predictor, signals: Sequence[Mapping[str, np.ndarray]]) -> list[np.ndarray]:
+    """Of each run, by how much its housing may turn the gears as it rolls on its mounts: steps x suppositions."""
+    ratios = [predictor.car.gears[run.gear] for run in predictor.runs]
+    # it bears the engine's torque, and what the gears add to that
+    borne = [own[ENGINE_TORQUE] + (ratio - 1.0) / ratio * own[SHAFT_TORQUE] for ratio, own in zip(ratios, signals)]
+    return turned(borne, ratios, STEP)
+
+
 def _alike(count: int) -> np.ndarray:
     """Of the heights of a curve's knots."""
     apart = np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
@@ -64,6 +79,7 @@ def _alike(count: int) -> np.ndarray:
 HEIGHTS: dict[str, tuple[Callable[[int], np.ndarray], bool]] = {
     LASTING: (lambda count: correlation(count, LASTS), False), CONSTANT: (np.eye, True),
     "wheel angle": (np.eye, False), ENGINE_TORQUE: (_alike, False),  # what it does to a gear depends on which it is
+    ROLL: (np.eye, True),
     **dict.fromkeys(FOLLOWED, (_alike, True))}
 
 
@@ -107,7 +123,8 @@ def slopes_of(predictor: Predictor, fit: Fit, place: str,
         predictor: Of the runs.
         fit: What is known to be wrong.
         place: Of ``PLACES``.
-        followed: For every variable of ``QUICK``, of each run, the pieces of a torque that follows it, at every step.
+        followed: For every variable that counts there, of each run, the pieces of a torque that follows it, at every
+            step.
     """
     runs, push = predictor.runs, PLACES[place].size
 
@@ -159,6 +176,19 @@ class Healthy:
     def explain(self, left: float, product: np.ndarray) -> np.ndarray:
         """The most probable coordinates for what has this product with the slopes."""
         return cho_solve(cho_factor(self.square + left * self.precision), product)
+
+
+def likeliest(healthy: Sequence[Healthy], slopes: Sequence[np.ndarray], sizes: Sequence[float]) -> int:
+    """Which column of what some suppositions do to each run explains most, in all of them.
+
+    Args:
+        healthy: Each run.
+        slopes: What a torque as each supposition has it does to it, in units of the noise.
+        sizes: That such a torque may have.
+    """
+    left = [own.leaves for own in healthy]
+    supposed = [Torque(healthy, [own[:, [i]] for own in slopes], np.eye, True) for i in range(slopes[0].shape[1])]
+    return int(np.argmax([max(torque.gain(size, left) for size in sizes) for torque in supposed]))
 
 
 class Torque:

@@ -15,7 +15,7 @@ from cosim.diagnosis.judge.finding import something_else
 from cosim.diagnosis.judge.localise import disturbances
 from cosim.diagnosis.judge.shafts import Bent
 from cosim.diagnosis.search.detectable import would_show
-from cosim.diagnosis.search.identify import APART, LACKING, Identification
+from cosim.diagnosis.search.identify import APART, Identification
 
 LIKELY = 0.05  # causes less probable are not listed
 # Of all causes together, from which on a verdict of none says what is not excluded: one chance in five (a judgement).
@@ -59,7 +59,7 @@ def rivals_of(found: Identification) -> list[tuple[Fit, float]]:
         distance, effects = found.apart(fit), set(fit.effects)
         other = effects - named and len(fit.causes) <= max(1, len(found.best.causes))
         lacking = effects and effects < named
-        if other and distance < APART or lacking and distance < LACKING:
+        if other and distance < APART or lacking and distance < found.told_without(fit):
             rivals.append((fit, distance))
     return rivals
 

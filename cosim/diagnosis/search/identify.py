@@ -64,6 +64,7 @@ class Identification:
         healthy: The supposition without causes.
         noise: Under which they were compared.
         alike: Groups of causes that do the same in these recordings.
+        coordinates: All that was fitted.
         detectable: Smallest sizes of every cause that they would show, by its place among the coordinates.
         temper: By what differences in evidence are divided before they are odds (``tempered``).
     """
@@ -73,6 +74,7 @@ class Identification:
     healthy: Fit
     noise: Noise
     alike: list[tuple[str, ...]]
+    coordinates: Sequence[Coordinate]
     detectable: dict[int, Shown]
     temper: float = _TEMPER
 
@@ -94,25 +96,32 @@ class Identification:
         """How far a supposition is from the best [sigma]."""
         return separation(self.lead(fit), self.temper)
 
-    def significant(self, coordinates: Sequence[Coordinate]) -> Identification:
+    def significant(self) -> Identification:
         """The same, with nothing wrong as the best where no cause is significant.
 
         That is where nothing has one chance in three, or no cause is as large as these runs would show: more evidence
         than such a size has is none for it, but that one fit got further than another.
         """
         nothing = sum(share for fit, share in zip(self.alternatives, self.shares()) if not fit.causes)
-        shows = any(self._shows(coordinates, cause) for cause in self.best.causes)
-        if not self.best.causes or nothing < _NOTHING and shows:
+        if not self.best.causes or nothing < _NOTHING and any(self._shows(cause) for cause in self.best.causes):
             return self
         others = [fit for fit in self.alternatives if fit.causes]
         return replace(self, best=self.healthy, alternatives=[self.healthy, *others])
 
-    def _shows(self, coordinates: Sequence[Coordinate], cause: str) -> bool:
+    def told_without(self, fit: Fit) -> float:
+        """How far the best has to be from what lacks some of its causes to be told from it [sigma].
+
+        As far as from any other where each of these is smaller than the runs would show.
+        """
+        lacking = set(self.best.causes) - set(fit.causes)
+        return LACKING if any(self._shows(cause) for cause in lacking) else APART
+
+    def _shows(self, cause: str) -> bool:
         """Whether a cause of the best is large enough to be named; of several that do the same each may be smaller, as
         they are as many chances that one of them is there."""
         same = next((group for group in self.alike if cause in group), (cause,))
         needed = named_from(self.temper)
-        return told(self.detectable, coordinates, self.best.shared, cause, needed) >= (
+        return told(self.detectable, self.coordinates, self.best.shared, cause, needed) >= (
             needed - self.temper * np.log(len(same)))
 
 
@@ -163,8 +172,8 @@ class Search:
         noise = self.pool.noise
         shown = detectable(self.fitter.seen(self.file, noise), self.coordinates, named_from(self.temper),
                            partial(self.fitter.changed, self.file, noise))
-        return Identification(leader, [leader, *others], self.pool.fits[()], noise, self.alike, shown,
-                              self.temper).significant(self.coordinates)
+        return Identification(leader, [leader, *others], self.pool.fits[()], noise, self.alike, self.coordinates,
+                              shown, self.temper).significant()
 
     @property
     def temper(self) -> float:

@@ -24,7 +24,7 @@ from cosim.diagnosis.judge.finding import (
 )
 from cosim.report import svg
 from cosim.report.diagnosis.pictures import over_time, what_is_missing
-from cosim.report.diagnosis.text import chance, dotted, rounded, shown_unit, words
+from cosim.report.diagnosis.text import chance, dotted, rounded, shown_unit, with_unit, words
 from cosim.report.diagnosis.verdict import about, headline, moved, named_causes, shown_causes, story, summary, tag, why
 
 if TYPE_CHECKING:
@@ -111,7 +111,22 @@ def _cause(cause: Mapping[str, Any], finding: Mapping[str, Any], values: Values)
         said = f"{100.0 * joint_probability(finding, together):.0f} % together with the {others}"
     return {"name": words(cause["effect"]), "said": said, "moved": moved(cause),
             "summary": summary(cause),
-            "parameters": [_parameter(name, p, effect, values) for name, p in cause["parameters"].items()]}
+            "parameters": [{**_parameter(name, p, effect, values), "too_small": _too_small(finding, cause, name)}
+                           for name, p in cause["parameters"].items()]}
+
+
+def _too_small(finding: Mapping[str, Any], cause: Mapping[str, Any], name: str) -> str:
+    """That the recordings would show a parameter only from a larger size on than it was found, in words; or nothing."""
+    found = cause["parameters"][name]
+    side = 1.0 if found["value"] > found["nominal"] else -1.0
+    for row in finding.get("would_show", ()):
+        if (row["effect"], row["parameter"]) == (cause["effect"], name):
+            limit = row["above" if side > 0.0 else "below"]
+            if limit is None:
+                return "No plausible size of it alone would show in these recordings."
+            if side * found["value"] < side * limit:
+                return f"Smaller than would show in these recordings alone: from {with_unit(limit, row['unit'])} on."
+    return ""
 
 
 def _parameter(name: str, p: Mapping[str, Any], effect: Effect | None, values: Values) -> dict[str, Any]:

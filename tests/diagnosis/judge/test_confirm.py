@@ -43,7 +43,7 @@ def test_what_only_the_fitted_stretches_show_is_no_cause(car, hidden, known):
         asked.append(causes)
         return supposed(declared, causes, -104.0)
 
-    found = Identification(fits[0], fits, fits[-1], None, [], {})
+    found = Identification(fits[0], fits, fits[-1], None, [], [], {})
     judged, verdicts = Jury(predictor, further, FLOORS).judged(found, fitted)
     assert judged.best.causes == hidden and asked == [(SLIP,)] * (not known)
     assert {verdict.cause: verdict.confirmed for verdict in verdicts} == {SLIP: True, MASS: MASS in hidden}
@@ -60,7 +60,7 @@ def test_where_nothing_is_confirmed_nothing_is_found(car):
     fits = [supposed(declared, causes, score) for causes, score in (((SLIP,), -100.0), ((), -120.0))]
     further = [driven(car, random, number) for number in range(1, FEWEST + 1)]
     judged, [verdict] = Jury(Predictor(car, [run], declared), further, FLOORS).judged(
-        Identification(fits[0], fits, fits[-1], None, [], {}), lambda causes: pytest.fail("none of these"))
+        Identification(fits[0], fits, fits[-1], None, [], [], {}), lambda causes: pytest.fail("none of these"))
     assert judged.best.causes == () and not verdict.confirmed and verdict.share > 1.0
 
 

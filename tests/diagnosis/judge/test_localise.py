@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from floors import measured, shortened
+from scipy.integrate import solve_ivp
 
 from cosim.diagnosis.fit.fitting import Fitter
 from cosim.diagnosis.fit.noise import wander
@@ -97,6 +98,35 @@ def test_a_housing_that_turns_by_the_torque_of_the_engine_is_found_at_the_gears(
                              WITNESSES)
     assert (first.place, first.follows) == ("within the transmission", ENGINE_TORQUE) and first.gain > 2.0 * MISSING
     assert goes_with(first.table, first.follows)[1].startswith("rises")
+
+
+def rolled(torque, hard):
+    """How far a housing rolls at 9.2 Hz, on mounts whose stiffness grows with the square of that [rad]; by SciPy."""
+    time, stiffness, rate = STEP * np.arange(torque.size), 500.0, 2.0 * np.pi * 9.2
+
+    def rates(t, y):
+        borne = stiffness * (1.0 + hard * (y[0] / 0.03) ** 2) * y[0]
+        return y[1], rate**2 * (np.interp(t, time, torque) - borne) / stiffness - 0.24 * rate * y[1]
+
+    first = np.roots([stiffness * hard / 0.03**2, 0.0, stiffness, -torque[0]] if hard else [stiffness, -torque[0]])
+    start = float(first[np.abs(first.imag) < 1e-9].real[0])
+    return solve_ivp(rates, (0.0, time[-1]), (start, 0.0), t_eval=time, max_step=2e-3, rtol=1e-6).y[0]
+
+
+@pytest.mark.parametrize("hard, how", [(0.0, "on mounts"), (1.0, "on mounts that harden")])
+def test_a_powertrain_that_rolls_on_its_mounts_is_found_by_how_it_rings(car_and_run, hard, how):
+    """On mounts that harden by another law than those that are supposed."""
+    car, run = car_and_run
+    raw, ratio = car.raw(car.values, run.free), car.gears[run.gear]
+    bears = raw["crankshaft_torque"] + (ratio - 1.0) / ratio * raw["propeller_shaft_torque"]
+    roll = rolled(bears, hard)
+    turned = 0.03 * roll / np.ptp(roll)
+    (first, *others), _ = missing(car, run, car.pushed(car.values, run.free, Nuisance(), "within the transmission",
+                                                       turned), WITNESSES)
+    assert (first.place, first.follows) == ("within the transmission", ENGINE_TORQUE)
+    assert first.gain > max(MISSING, *(2.0 * d.gain for d in others))
+    name, shape, _ = goes_with(first.table, first.follows, first.shape)
+    assert name == ENGINE_TORQUE and shape.startswith("as a powertrain that rolls at") and shape.endswith(how)
 
 
 @pytest.mark.parametrize(("size", "is_there"), [(4.0, False), (100.0, True)])

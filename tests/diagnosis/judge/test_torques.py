@@ -10,7 +10,7 @@ from cosim.diagnosis.effect import factor
 from cosim.diagnosis.fit.evidence import Layout, prior
 from cosim.diagnosis.fit.fitting import Tangent
 from cosim.diagnosis.fit.predict import Coordinate
-from cosim.diagnosis.judge.torques import Healthy, Torque
+from cosim.diagnosis.judge.torques import Healthy, Torque, likeliest
 
 SAMPLES, PIECES, KNOTS, SIZE = 30, 4, 3, 1.7
 LEFT = [1.0, 2.5]  # by what the noise's variance is larger
@@ -71,3 +71,10 @@ def test_a_curve_is_the_same_in_all_recordings(problem):
     assert torque.gain(SIZE, LEFT) == pytest.approx(true)
     (first, _), (second, _) = torque.solve(SIZE, LEFT)
     assert np.array_equal(first, second)
+
+
+def test_of_several_suppositions_the_likeliest_is_that_by_which_it_was_made(problem):
+    healthy, pieces, _, _ = problem
+    for own, shown in zip(healthy, pieces):
+        own.residual = own.residual + 20.0 * shown[:, 2]
+    assert likeliest(healthy, pieces, (0.1, 1.0, 10.0)) == 2

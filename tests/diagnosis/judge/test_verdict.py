@@ -56,13 +56,14 @@ def test_what_it_could_be_as_well_is_told_once_at_its_nearest():
         {"effects": ["coulomb_drag"], "separation_sigma": 1.0}]
 
 
-@pytest.mark.parametrize(("behind", "rivals"), [(1.0, 1), (1.6, 0)])
-def test_a_further_cause_that_may_as_well_not_be_there_is_told_so(behind, rivals):
-    """One chance in four that it is not is enough; and nothing wrong is no rival here."""
+@pytest.mark.parametrize(("behind", "needed", "rivals"), [(1.0, 1.5, 1), (1.6, 1.5, 0), (1.6, 3.0, 1)])
+def test_a_further_cause_that_may_as_well_not_be_there_is_told_so(behind, needed, rivals):
+    """As far as the best has to be told from what lacks it; and nothing wrong is no rival here."""
     best, lacking, healthy, other = (SimpleNamespace(effects=effects, causes=effects) for effects in (
         ("backlash_size", "shaft_stiffness"), ("backlash_size",), (), ("backlash_size", "tyre_stiffness")))
     apart = {id(best): 0.0, id(lacking): behind, id(healthy): 1.0, id(other): 3.1}
-    found = SimpleNamespace(best=best, alternatives=[best, lacking, healthy, other], apart=lambda fit: apart[id(fit)])
+    found = SimpleNamespace(best=best, alternatives=[best, lacking, healthy, other], apart=lambda fit: apart[id(fit)],
+                            told_without=lambda fit: needed)
     assert rivals_of(found) == [(lacking, behind)][:rivals]
     assert told_once(best, rivals_of(found)) == [{"effects": ["backlash_size"], "separation_sigma": behind}][:rivals]
 

@@ -11,7 +11,7 @@ from vibration import CLOCK, DETECTION, Plant, WithPlay, WithStages, found
 
 from cosim.diagnosis import catalogue
 from cosim.diagnosis.search.detectable import Shown
-from cosim.diagnosis.search.identify import APART, Identification, Search, tempered
+from cosim.diagnosis.search.identify import APART, LACKING, Identification, Search, tempered
 from cosim.diagnosis.search.pool import SMALLEST
 
 
@@ -140,8 +140,8 @@ def test_a_cause_is_named_that_is_twice_as_likely_as_nothing(lead, best):
     healthy, drag = (SimpleNamespace(causes=causes, effects=causes, score=score, hope=score, near=True, shared=[])
                      for causes, score in (((), 0.0), (("drag",), lead)))
     first, second = (drag, healthy) if lead > 0.0 else (healthy, drag)
-    found = Identification(first, [first, second], healthy, None, [], {})
-    named = found.significant([])
+    found = Identification(first, [first, second], healthy, None, [], [], {})
+    named = found.significant()
     assert named.best.causes == best and named.alternatives[0] is named.best
     assert {fit.causes: share for fit, share in zip(named.alternatives, named.shares())} == pytest.approx(
         {fit.causes: share for fit, share in zip(found.alternatives, found.shares())})
@@ -153,8 +153,8 @@ def test_no_cause_is_named_that_is_smaller_than_the_recordings_show(size, signif
     drag = SimpleNamespace(cause="drag", name="drag", phase="")
     healthy, dragged = (SimpleNamespace(causes=causes, effects=causes, score=score, hope=score, near=True,
                                         shared=np.array([size])) for causes, score in (((), 0.0), (("drag",), 9.0)))
-    found = Identification(dragged, [dragged, healthy], healthy, None, [], {0: Shown(2.0, 1.0, 1.7)})
-    assert found.significant([drag]).best.causes == (("drag",) if significant else ())
+    found = Identification(dragged, [dragged, healthy], healthy, None, [], [drag], {0: Shown(2.0, 1.0, 1.7)})
+    assert found.significant().best.causes == (("drag",) if significant else ())
 
 
 def test_two_that_do_the_same_are_two_chances_that_something_is_there():
@@ -164,10 +164,20 @@ def test_two_that_do_the_same_are_two_chances_that_something_is_there():
                                             shared=np.array([0.91, 0.97]))
                             for causes, score in (((), 0.0), (("slope",), 2.0), (("tilt",), 2.0)))
     shown = {0: Shown(1.0, 1.0, 1.7), 1: Shown(1.0, 1.0, 1.7)}
-    rivals = Identification(slope, [slope, tilt, healthy], healthy, None, [], shown)
-    assert rivals.significant(coordinates).best is healthy
+    rivals = Identification(slope, [slope, tilt, healthy], healthy, None, [], coordinates, shown)
+    assert rivals.significant().best is healthy
     same = replace(rivals, alike=[("tilt", "slope")])
-    assert same.significant(coordinates) is same
+    assert same.significant() is same
+
+
+@pytest.mark.parametrize("sizes, needed", [((1.2, 1.3), LACKING), ((1.2, 0.8), APART), ((0.8, 0.8), APART)])
+def test_a_further_cause_that_is_smaller_than_would_show_has_to_be_as_far_ahead_as_another_cause(sizes, needed):
+    """One that is large enough only has to be likelier than not there."""
+    coordinates = [SimpleNamespace(cause=cause, name=cause, phase="") for cause in ("lash", "shaft")]
+    both, lash = (SimpleNamespace(causes=causes, shared=np.array(sizes)) for causes in (("lash", "shaft"), ("lash",)))
+    shown = {0: Shown(1.0, 1.0, 1.7), 1: Shown(1.0, 1.0, 1.7)}
+    found = Identification(both, [both, lash], lash, None, [], coordinates, shown)
+    assert found.told_without(lash) == needed
 
 
 def test_where_fits_of_the_same_supposition_differ_a_lead_counts_for_less():
