@@ -118,58 +118,78 @@ def disturbances(predictor: Predictor, fit: Fit, noise: Noise, places: Collectio
         loaded: Whether healthy shafts may be bent by more the more they carry. That says whether a torque is missing;
             where it is, it hides.
     """
-    runs, layout = predictor.runs, Layout(predictor.coordinates, len(predictor.runs))
-    # as large as a sum of squares has it: what wanders is alike from sample to sample, and no torque that is missing;
-    # and whether a run is doubtful is not asked here
-    scales = noise.undoubted.scales
-    signals = [signals_of(predictor, fit, r) for r in range(len(runs))]
-    followed = {name: [pieces(name, own, signals) for own in signals] for name in QUICK}
-    followed[ROLL] = housings(predictor, signals)
-    moved = {(place, name): [h / scale[:, None] for h, scale in zip(slopes, scales)]
-             for place in dict.fromkeys((*places, *(place for place, _ in BENDS)))
-             for name, slopes in slopes_of(predictor, fit, place, {
-                 name: followed[name] for name in quick_at(place)}).items()}
-    bends = {(place, name): bent(place, name, knots_of(name, signals), loaded) for place, name in BENDS}
-    healthy = [Healthy(layout, r, fit, (run.stacked - fit.predicted[r]) / scale, scale,
-                       [sizes * moved[which][r] for which, sizes in bends.items()])
-               for r, (run, scale) in enumerate(zip(runs, scales))]
-    # of what may be supposed of the mounts only what explains most goes on, and pays for its choice
-    mounts = {place: likeliest(healthy, moved[place, ROLL], _SIZES * PLACES[place].size)
-              for place in places if ROLL in quick_at(place)}
-    for place, one in mounts.items():
-        moved[place, ROLL] = [h[:, [one]] for h in moved[place, ROLL]]
-    supposed = {(place, name): Torque(healthy, slopes, *HEIGHTS[name])
-                for (place, name), slopes in moved.items() if place in places}
-    # a plant of another structure is never right to the noise: errors count as what the best supposition leaves
-    left = [own.leaves for own in healthy]
-    for _ in range(2):
-        sizes = {which: max(_SIZES * PLACES[which[0]].size, key=lambda size, torque=torque: torque.gain(size, left))
-                 for which, torque in supposed.items()}
-        left = [max(1.0, min(leaves)) for leaves in zip(*(t.left(sizes[which], left) for which, t in supposed.items()))]
-    gains = {which: torque.gain(sizes[which], left) - (which[1] == ROLL) * math.log(len(SUPPOSED))
-             for which, torque in supposed.items()}
-    at_hats = [sampled(run, own) for run, own in zip(runs, signals)]
-    found = []
-    for place in places:
+    supposed = _Supposed(predictor, fit, noise, places, loaded)
+    return sorted((supposed.missing(place) for place in places), key=lambda d: -d.gain)
+
+
+class _Supposed:
+    """Every torque that may be missing at some places, as large as is most evident; arguments as ``disturbances``."""
+
+    def __init__(self, predictor: Predictor, fit: Fit, noise: Noise, places: Collection[str], loaded: bool) -> None:
+        self.runs = predictor.runs
+        # as large as a sum of squares has it: what wanders is alike from sample to sample, and no torque that is
+        # missing; and whether a run is doubtful is not asked here
+        scales = noise.undoubted.scales
+        self.signals = [signals_of(predictor, fit, r) for r in range(len(self.runs))]
+        self.followed = {name: [pieces(name, own, self.signals) for own in self.signals] for name in QUICK}
+        self.followed[ROLL] = housings(predictor, self.signals)
+        moved = {(place, name): [h / scale[:, None] for h, scale in zip(slopes, scales)]
+                 for place in dict.fromkeys((*places, *(place for place, _ in BENDS)))
+                 for name, slopes in slopes_of(predictor, fit, place, {
+                     name: self.followed[name] for name in quick_at(place)}).items()}
+        bends = {(place, name): bent(place, name, knots_of(name, self.signals), loaded) for place, name in BENDS}
+        layout = Layout(predictor.coordinates, len(self.runs))
+        healthy = [Healthy(layout, r, fit, (run.stacked - fit.predicted[r]) / scale, scale,
+                           [sizes * moved[which][r] for which, sizes in bends.items()])
+                   for r, (run, scale) in enumerate(zip(self.runs, scales))]
+        # of what may be supposed of the mounts only what explains most goes on
+        self.mounts = {place: likeliest(healthy, moved[place, ROLL], _SIZES * PLACES[place].size)
+                       for place in places if ROLL in quick_at(place)}
+        for place, one in self.mounts.items():
+            moved[place, ROLL] = [h[:, [one]] for h in moved[place, ROLL]]
+        self.torques = {(place, name): Torque(healthy, slopes, *HEIGHTS[name])
+                        for (place, name), slopes in moved.items() if place in places}
+        # a plant of another structure is never right to the noise: errors count as what the best supposition leaves
+        self.left = [own.leaves for own in healthy]
+        for _ in range(2):
+            self.sizes = {which: max(_SIZES * PLACES[which[0]].size,
+                                     key=lambda size, torque=torque: torque.gain(size, self.left))
+                          for which, torque in self.torques.items()}
+            leaves = zip(*(torque.left(self.sizes[which], self.left) for which, torque in self.torques.items()))
+            self.left = [max(1.0, min(own)) for own in leaves]
+        self.gains = {which: torque.gain(self.sizes[which], self.left) - _price(which[1])
+                      for which, torque in self.torques.items()}
+
+    def missing(self, place: str) -> Disturbance:
+        """The likeliest at one of these places."""
         # a curve has to be more than a constant, and more than what goes with nothing
-        least = max(gains[place, LASTING], gains[place, CONSTANT]) + _MORE
-        quick = max(quick_at(place), key=lambda name, place=place: gains[place, name] + _OWN * _is_own(name, place))
-        best = quick if gains[place, quick] > least else LASTING
-        heights = supposed[place, best].solve(sizes[place, best], left)
+        least = max(self.gains[place, LASTING], self.gains[place, CONSTANT]) + _MORE
+        quick = max(quick_at(place), key=lambda name: self.gains[place, name] + _OWN * _is_own(name, place))
+        name = quick if self.gains[place, quick] > least else LASTING
+        torque, size = self.torques[place, name], self.sizes[place, name]
         tables = []
-        for r, (at, (mean, covariance)) in enumerate(zip(at_hats, heights)):
-            if best == LASTING:
-                shown = np.eye(mean.size)
-            elif best == ROLL:
-                shown = np.interp(hats(runs[r]), runs[r].time, followed[ROLL][r][:, mounts[place]])[:, None]
-            else:
-                shown = pieces(best, at, signals)
-            tables.append(pictured(r, shown, mean, covariance, at))
-        alone = supposed[place, best].alone(sizes[place, best], left)
-        follows = {LASTING: "", ROLL: ENGINE_TORQUE}.get(best, best)
-        found.append(Disturbance(place, gains[place, best], alone, joined(tables), follows,
-                                 words(mounts[place]) if best == ROLL else ""))
-    return sorted(found, key=lambda d: -d.gain)
+        for r, (mean, covariance) in enumerate(torque.solve(size, self.left)):
+            at = sampled(self.runs[r], self.signals[r])
+            tables.append(pictured(r, self._shown(place, name, r, at), mean, covariance, at))
+        follows = {LASTING: "", ROLL: ENGINE_TORQUE}.get(name, name)
+        shape = words(self.mounts[place]) if name == ROLL else ""
+        return Disturbance(place, self.gains[place, name], torque.alone(size, self.left) - _price(name),
+                           joined(tables), follows, shape)
+
+    def _shown(self, place: str, name: str, r: int, at: Mapping[str, np.ndarray]) -> np.ndarray:
+        """What the pieces of a torque are at the hats of a run, where its signals are ``at``: hats x pieces."""
+        run = self.runs[r]
+        if name == LASTING:
+            return np.eye(hats(run).size)
+        if name == ROLL:
+            turned = self.followed[ROLL][r][:, self.mounts[place]]
+            return np.interp(hats(run), run.time, turned)[:, None]
+        return pieces(name, at, self.signals)
+
+
+def _price(name: str) -> float:
+    """Of the choice among what is supposed of the mounts [log evidence]."""
+    return math.log(len(SUPPOSED)) if name == ROLL else 0.0
 
 
 def tied(found: Sequence[Disturbance]) -> list[Disturbance]:
