@@ -222,7 +222,8 @@ def _driveline(diagnosis: Diagnosis, car: FullOrderCar, out: Path | None, worker
     roads = [on_its_road(car, car.values, run, floors) for run in runs]
     with Predictor(car, roads, coordinates(car, roads), workers) as freely:
         nominal, healthy = _healthy(freely, found.noise)
-    diagnosis.finding["wrong"] = [w.as_json() for w in wrong(runs, nominal, healthy, car.values[_FIRING_ORDER])]
+        found_wrong = wrong(runs, nominal, healthy, car.values[_FIRING_ORDER], freely.each)
+    diagnosis.finding["wrong"] = [w.as_json() for w in found_wrong]
     after = nominal
     if found.best.causes:
         roads = [on_its_road(car, predictor.values(point, r)[0], runs[r], floors) for r, point in enumerate(points)]

@@ -26,7 +26,7 @@ from cosim.diagnosis.plants import STEP, FullOrderCar, Nuisance, Run
 from cosim.diagnosis.plants.hats import MEMORY, comb, fast, hats, lasting, parted, teeth
 from driveline.quantities import InputError
 
-Result = TypeVar("Result")
+Job, Result = TypeVar("Job"), TypeVar("Result")
 
 # What differs from run to run: standard deviation, step of the differences.
 RUN_NUISANCES = {"start_speed": (0.3, 0.006), "grade": (0.001, 1.5e-4), "torque": (1.0, 0.15)}
@@ -270,11 +270,15 @@ class Predictor:
 
     def many(self, jobs: Iterable[tuple]) -> list[np.ndarray | None]:
         """``predict`` for many of its arguments, in their order."""
+        return [self.predict(*job) for job in jobs] if self._pool is None else self.each(_predict, jobs)
+
+    def each(self, function: Callable[[Job], Result], jobs: Iterable[Job]) -> list[Result]:
+        """What a function makes of each of some jobs, in their order; in the processes, where there are any."""
         jobs = list(jobs)
         if self._pool is None:
-            return [self.predict(*job) for job in jobs]
+            return [function(job) for job in jobs]
         chunk = max(1, len(jobs) // (6 * self.workers))
-        return list(self._pool.map(_predict, jobs, chunksize=chunk))
+        return list(self._pool.map(function, jobs, chunksize=chunk))
 
     def at_once(self, tasks: Sequence[Callable[[], Result]]) -> list[Result]:
         """What tasks return that know nothing of each other, in their order; several at once where there are processes.

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +18,8 @@ from scipy.stats import chi2, f, kurtosis, t
 
 from cosim.diagnosis.plants import Run
 from cosim.diagnosis.show.features import FEATURES, Feature, Key, Reader, unit_of, words
+
+Each = Callable[[Callable[[np.ndarray], dict[Key, float]], Iterable[np.ndarray]], Iterable[dict[Key, float]]]
 
 SIGNIFICANT = 0.01  # after correction for the number of features looked at
 _REPEATED = 0.05  # repeats that differ by more than healthy draws do, this significantly, set the scale
@@ -110,7 +112,7 @@ def repeatable(run: Run) -> tuple[str, int, bool] | None:
 
 
 def wrong(runs: Sequence[Run], nominal: Sequence[np.ndarray], healthy: Sequence[Sequence[np.ndarray]],
-          firing_order: float = Reader.firing_order) -> list[Wrong]:
+          firing_order: float = Reader.firing_order, each: Each = map) -> list[Wrong]:
     """Every feature in which recordings differ from the vehicle file by more than a healthy car would.
 
     Args:
@@ -120,6 +122,7 @@ def wrong(runs: Sequence[Run], nominal: Sequence[np.ndarray], healthy: Sequence[
             within tolerance, torque estimate, slope, sensor noise and resolution drawn. The k-th of every
             run is the same car.
         firing_order: Firings of the engine per revolution of its crankshaft.
+        each: Does a thing to each of many, as ``map``; in several processes where there are.
 
     Returns:
         What tells most first: one entry of each feature, then the others; each feature of a signal once,
@@ -128,7 +131,7 @@ def wrong(runs: Sequence[Run], nominal: Sequence[np.ndarray], healthy: Sequence[
     readers = [Reader(run, simulated, firing_order) for run, simulated in zip(runs, nominal)]
     rows: dict[Key, list[_Row]] = defaultdict(list)
     for r, reader in enumerate(readers):
-        for row in _rows(r, reader, nominal[r], healthy[r]):
+        for row in _rows(r, reader, nominal[r], each(reader.read, healthy[r])):
             rows[row.key].append(row)
     scatter = _repeats(runs, rows)
     tests = []
@@ -148,10 +151,9 @@ def wrong(runs: Sequence[Run], nominal: Sequence[np.ndarray], healthy: Sequence[
                      if _is_one(rows[key], readers, healthy, odd)])
 
 
-def _rows(r: int, reader: Reader, nominal: np.ndarray, healthy: Sequence[np.ndarray]) -> list[_Row]:
-    """The features of a run that the recording and nearly all healthy draws show."""
-    measured, simulated = reader.read(reader.run.stacked), reader.read(nominal)
-    drawn = [reader.read(stacked) for stacked in healthy]
+def _rows(r: int, reader: Reader, nominal: np.ndarray, healthy: Iterable[Mapping[Key, float]]) -> list[_Row]:
+    """The features of a run that the recording and nearly all healthy draws show, which are read already."""
+    measured, simulated, drawn = reader.read(reader.run.stacked), reader.read(nominal), list(healthy)
     rows = []
     for key, value in measured.items():
         seen = np.array([d.get(key, np.nan) for d in drawn])

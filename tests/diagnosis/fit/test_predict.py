@@ -53,6 +53,13 @@ def test_several_processes_say_the_same(car_and_run):
     assert np.array_equal(*found)
 
 
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_function_of_each_comes_back_in_order(car_and_run, workers):
+    car, run = car_and_run
+    with Predictor(car, [run], coordinates(car, [run]), workers) as predictor:
+        assert predictor.each(abs, range(-30, 30)) == [abs(x) for x in range(-30, 30)]
+
+
 def test_tasks_at_once_return_in_their_order_and_an_error_of_one_is_told(car_and_run):
     car, run = car_and_run
     declared = coordinates(car, [run])

@@ -1,5 +1,7 @@
 """What is wrong is told, and nothing else is: on made-up recordings with known answers, and on hidden ones."""
 
+import multiprocessing
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -182,6 +184,15 @@ def test_effective_samples_and_whiteness_of_coloured_noise(keep):
     whiteness, effective = coloured(noise)
     assert effective == pytest.approx(noise.size * (1.0 - keep) / (1.0 + keep), rel=0.15)
     assert (whiteness < 1e-6) == (keep > 0.0)
+
+
+def test_features_read_in_several_processes_are_the_same():
+    """However they come back: whoever does it keeps their order."""
+    random = np.random.default_rng(1)
+    healthy = [[driveline(random) for _ in range(DRAWS)]]
+    told_by = [recording(driveline(random, frequency=5.0))], [NOMINAL], healthy
+    with ProcessPoolExecutor(2, multiprocessing.get_context("fork")) as pool:
+        assert wrong(*told_by, each=pool.map) == wrong(*told_by)
 
 
 def test_whiteness_of_white_noise_is_a_p_value():
