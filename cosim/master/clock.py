@@ -11,18 +11,20 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from cosim import units
 from driveline.quantities import InputError
 
 PER_SECOND = 1_000_000_000
 _LONGEST = 2**53  # nanoseconds a double still counts exactly: 104 days
 
 
-def nanoseconds(seconds: float, what: str) -> int:
-    """``seconds`` as a whole number of nanoseconds.
+def nanoseconds(time: float | str, what: str) -> int:
+    """A time in seconds, or as text with its unit, as a whole number of nanoseconds.
 
     Raises:
-        InputError: Not finite, too large, or between two nanoseconds; the message starts with ``what``.
+        InputError: No time, not finite, too large, or between two nanoseconds; the message starts with ``what``.
     """
+    seconds = units.in_unit(time, "s", what)
     scaled = seconds * PER_SECOND
     if not math.isfinite(scaled) or abs(scaled) > _LONGEST:
         raise InputError(f"{what} is {seconds:g} s: a time of at most {_LONGEST / PER_SECOND:g} s is needed")
@@ -33,11 +35,11 @@ def nanoseconds(seconds: float, what: str) -> int:
     return whole
 
 
-def step_length(seconds: float, what: str) -> int:
+def step_length(time: float | str, what: str) -> int:
     """As ``nanoseconds``, for a length that must be positive."""
-    length = nanoseconds(seconds, what)
+    length = nanoseconds(time, what)
     if length <= 0:
-        raise InputError(f"{what} is {seconds:g} s: a positive length is needed")
+        raise InputError(f"{what} is {length / PER_SECOND:g} s: a positive length is needed")
     return length
 
 

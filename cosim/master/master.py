@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from cosim import units
 from cosim.master import clock as clocks
 from cosim.master import connections as wires
 from cosim.master import layout as layouts
@@ -55,11 +56,12 @@ class Master:
         result["plant.engine_speed"]
 
     Args:
-        step: Communication step [s] of everybody who is not given another.
+        step: Communication step [s] of everybody who is not given another; text such as ``"2 ms"`` is converted, as of
+            all times here.
         order: ``jacobi`` or ``gauss-seidel`` (then the order of ``add`` is the order of steps).
     """
 
-    def __init__(self, step: float = 1e-3, order: str = "jacobi") -> None:
+    def __init__(self, step: float | str = 1e-3, order: str = "jacobi") -> None:
         if order not in ORDERS:
             raise InputError(f"order is '{order}'{did_you_mean(order, ORDERS)}")
         self._step = clocks.step_length(step, "step")
@@ -72,7 +74,7 @@ class Master:
         self._title: dict[str, Any] = {}
         self.notices: list[str] = []
 
-    def add(self, name: str, what: str | Path | Model | Participant, *, step: float | None = None,
+    def add(self, name: str, what: str | Path | Model | Participant, *, step: float | str | None = None,
             parameters: Mapping[str, float | str] | None = None, vehicle: str | Path | None = None,
             variant: str | None = None, gear: int = 5, twin: bool = False) -> Master:
         """Add a participant.
@@ -179,7 +181,7 @@ class Master:
         self._wires[target] = source
         return self
 
-    def record(self, *patterns: str, step: float | None = None) -> Master:
+    def record(self, *patterns: str, step: float | str | None = None) -> Master:
         """Record these variables and signals (``*`` and ``?`` match), every ``step`` [s].
 
         Without it all outputs and named signals are recorded at the shortest step.
@@ -208,7 +210,7 @@ class Master:
         self._title.update(entries)
         return self
 
-    def run(self, stop: float, start: float = 0.0,
+    def run(self, stop: float | str, start: float | str = 0.0,
             progress: Callable[[float], None] | None = None) -> Result:
         """Check everything, then step from ``start`` to ``stop`` [s].
 
@@ -220,14 +222,15 @@ class Master:
             SimulationError: A participant failed; ``error.result`` holds what was recorded until then.
             Interrupted: Ctrl-C; ``interrupt.result`` likewise.
         """
-        loop, units = self._prepare(start, stop)
-        names = list(units)
+        start, stop = units.in_unit(start, "s", "start"), units.in_unit(stop, "s", "stop")
+        loop, shown = self._prepare(start, stop)
+        names = list(shown)
 
         def result(complete: bool) -> Result:
             count = loop.recording.count
             return Result(loop.recording.times(),
                           {name: loop.recording.rows[:count, i].copy() for i, name in enumerate(names)},
-                          units, self._provenance(start, stop), complete)
+                          shown, self._provenance(start, stop), complete)
 
         try:
             loop.initialize()

@@ -111,7 +111,7 @@ class Scenario:
     @property
     def _step(self) -> float:
         with self._file.at("step"):
-            return step_length(units.in_unit(self._table.get("step", 1e-3), "s", "step"), "step") / PER_SECOND
+            return step_length(self._table.get("step", 1e-3), "step") / PER_SECOND
 
     def master(self) -> Master:
         """Everything put together and checked, ready to run.
@@ -188,9 +188,8 @@ class Scenario:
         elif (self._file.path.parent / options["vehicle"]).is_file():
             options["vehicle"] = str(self._file.path.parent / options["vehicle"])
         with self._file.at("fmu", name):
-            step = units.in_unit(entry["step"], "s", "step") if "step" in entry else None
             what = twin or find_fmu(entry["file"], self._file.path.parent)
-            master.add(name, what, step=step, twin=bool(twin), **options)
+            master.add(name, what, step=entry.get("step"), twin=bool(twin), **options)
         for parameter, value in entry.get("parameters", {}).items():
             with self._file.at("fmu", name, "parameters", parameter):
                 if isinstance(value, dict):

@@ -87,6 +87,16 @@ def test_a_lag_of_several_rates_follows_its_exact_solution():
     assert result["a.y"] == pytest.approx(expected, abs=1e-12)
 
 
+def test_times_may_be_text_with_a_unit():
+    plain, told = (Master(step=step).add("a", counter(), step=own).record("a.steps", step=every).run(stop, start)
+                   for step, own, every, stop, start in ((2e-3, 4e-3, 8e-3, 0.04, 0.008),
+                                                         ("2 ms", "4 ms", "8 ms", "40 ms", "8 ms")))
+    assert told.time.tolist() == plain.time.tolist() and told["a.steps"].tolist() == plain["a.steps"].tolist()
+    for wrong in (lambda: Master(step="2 mm"), lambda: Master().add("a", counter()).run("soon")):
+        with pytest.raises(InputError, match="^(step|stop) is '(2 mm|soon)'"):
+            wrong()
+
+
 # ---- what a step sees ----
 
 def test_a_slow_participant_samples_at_the_start_of_its_step_and_holds_its_outputs():

@@ -225,7 +225,7 @@ def test_a_parameter_can_be_what_was_measured_at_the_start(folder):
     ('"50 ms"', '"-50 ms"', r"line 11: fmu.a.parameters.time_constant: .*at least 1e-06"),
     ('"50 ms"', '"50 kg"', r"line 11: .*'kg' cannot be converted to 's'"),
     ('"50 ms"', "{ measured = 'gear' }", r"line 11: .*with a \[measurement\]"),
-    ("step = 0.005", 'step = "fast"', r"fmu.b: step is 'fast': a number"),
+    ("step = 0.005", 'step = "fast"', r"fmu.b: step of b is 'fast': a number"),
     ('kind = "ramp"', 'kind = "ram"', r"line 18: signals.ramp: kind is 'ram'; did you mean 'ramp'"),
     ("after = 90", 'after = "high"', r"signals.ramp: after is 'high': a number"),
     ("[signals.ramp]", "[signals.time]", r"line 18: signals.time: a signal cannot be called 'time'"),

@@ -125,6 +125,7 @@ def test_a_powertrain_that_rolls_on_its_mounts_is_found_by_how_it_rings(car_and_
                                                        turned), WITNESSES)
     assert (first.place, first.follows) == ("within the transmission", ENGINE_TORQUE)
     assert first.gain > max(MISSING, *(2.0 * d.gain for d in others))
+    assert first.alone == pytest.approx([first.gain])  # of one recording; the choice of mounts has its price in both
     name, shape, _ = goes_with(first.table, first.follows, first.shape)
     assert name == ENGINE_TORQUE and shape.startswith("as a powertrain that rolls at") and shape.endswith(how)
 
