@@ -381,9 +381,14 @@ class Predictor:
         return found
 
 
-def amplitude(parts: Sequence[float]) -> float:
-    """Of a swing, by both of its components in every run: root mean square over the runs."""
-    return float(np.sqrt(2.0 * np.mean(np.square(parts))))
+def amplitude(parts: Sequence[float], deviations: Sequence[float] = (0.0,)) -> float:
+    """Of a swing, by both of its components in every run: root mean square over the runs.
+
+    Args:
+        parts: The components.
+        deviations: Of them, standard; what they add on average is taken off.
+    """
+    return float(np.sqrt(2.0 * max(np.mean(np.square(parts)) - np.mean(np.square(deviations)), 0.0)))
 
 
 def _shaken(shown: CubicSpline, random: np.random.Generator) -> CubicSpline:

@@ -10,7 +10,7 @@ import numpy as np
 
 from cosim.diagnosis.fit.evidence import Layout
 from cosim.diagnosis.fit.fitting import Fit, Fitter
-from cosim.diagnosis.fit.predict import Coordinate, Predictor
+from cosim.diagnosis.fit.predict import Coordinate, Predictor, amplitude
 from cosim.diagnosis.judge.finding import something_else
 from cosim.diagnosis.judge.localise import disturbances
 from cosim.diagnosis.judge.shafts import Bent
@@ -168,8 +168,7 @@ def _parameters(predictor: Predictor, fit: Fit, effect: str) -> dict[str, dict[s
         if c.run is not None:  # two components in every run, and noise in each
             all_of_it = [j for j in predictor.index(c.cause) if predictor.coordinates[j].parameter is p]
             spread = np.array([deviations[shared[j]] for j in all_of_it])
-            power = 2.0 * (np.mean(fit.shared[all_of_it] ** 2) - np.mean(spread**2))
-            x, deviation = float(np.sqrt(max(power, 0.0))), float(np.sqrt(np.mean(spread**2) / len(all_of_it) * 2.0))
+            x, deviation = amplitude(fit.shared[all_of_it], spread), amplitude(spread) / np.sqrt(len(all_of_it))
         ends = (p.size(float(np.clip(x + 1.645 * side * deviation, c.low, c.high))) for side in (0.0, -1.0, 1.0))
         result[p.name] = p.found(*ends, predictor.car.values)
     return result

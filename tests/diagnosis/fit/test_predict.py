@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from floors import FLOORS
 
-from cosim.diagnosis.fit.predict import WANDERS, Predictor, coordinates
+from cosim.diagnosis.fit.predict import WANDERS, Predictor, amplitude, coordinates
 from cosim.diagnosis.plants.hats import hats
 
 
@@ -98,6 +98,16 @@ def test_a_swing_has_the_amplitude_of_its_components(car_and_run):
     values, _ = predictor.values(u, 0)
     assert values["torque_ripple.amplitude"] == pytest.approx(5.0)
     assert values["torque_ripple.phase"] == pytest.approx(np.arctan2(4.0, 3.0))
+
+
+def test_what_noise_adds_to_a_swing_is_taken_off():
+    """On average of its square, which is what noise adds to."""
+    random, deviations = np.random.default_rng(1), np.full(6, 2.0)
+    noisy = np.tile([3.0, 4.0], 3) + deviations * random.standard_normal((4000, 6))
+    assert amplitude([3.0, 4.0] * 3) == pytest.approx(5.0)
+    assert np.mean([amplitude(parts) ** 2 for parts in noisy]) == pytest.approx(25.0 + 8.0, rel=0.02)
+    assert np.mean([amplitude(parts, deviations) ** 2 for parts in noisy]) == pytest.approx(25.0, rel=0.02)
+    assert amplitude([1.0, 1.0], [2.0, 2.0]) == 0.0
 
 
 @pytest.mark.parametrize("missing", [(), ("vehicle_speed",), ("vehicle_speed", "engine_speed")])
