@@ -163,13 +163,14 @@ def fingerprint() -> str:
 
 # -- one case -------------------------------------------------------------------------------------
 
-def examined(case: BlindCase, method: str = DIAGNOSE, code: str | None = None) -> dict[str, Any]:
+def examined(case: BlindCase, method: str = DIAGNOSE, code: str | None = None, shows: bool = True) -> dict[str, Any]:
     """Hide, diagnose, and put the truth beside the finding; what goes wrong is part of the result.
 
     Args:
         case: What is hidden.
         method: ``module:function``.
         code: ``fingerprint`` of who asks; another one here is refused.
+        shows: Whether it is also asked how much of an effect outside the catalogue shows, which takes two more fits.
     """
     if code is not None and code != fingerprint():
         raise InputError("the code of a worker is not that of who started the run (edited meanwhile, or another "
@@ -185,7 +186,7 @@ def examined(case: BlindCase, method: str = DIAGNOSE, code: str | None = None) -
             result["gain"] = _ideal(diagnosis, hidden)
             if case.category == "cocktail":
                 result["shuffle"] = shuffle(diagnosis.car, hidden, result["finding"])
-            if case.category == "outside" and diagnosis.identification is not None:
+            if shows and case.category == "outside" and diagnosis.identification is not None:
                 result["visibility"] = _visibility(diagnosis, case, Path(folder) / "without")
         except Exception as error:
             result["error"] = f"{type(error).__name__}: {error}\n{traceback.format_exc(limit=-4)}"
