@@ -53,10 +53,11 @@ def input_rows(model: Plant, duration: float, dt: float, start: float = 0.0, **i
     return rows
 
 
-def run(model: Plant, duration: float, dt: float = 1e-3, start: float = 0.0, **inputs) -> Record:
+def run(model: Plant, duration: float, dt: float = 1e-3, start: float = 0.0, *, propagated: bool = False,
+        **inputs) -> Record:
     """Drive an initialised plant; every output by name, with the ``time`` at the end of each step."""
     rows = input_rows(model, duration, dt, start, **inputs)
-    outputs = model.simulate(rows, dt, start)
+    outputs = model.simulate(rows, dt, start, propagated=propagated)
     record = {variable.name: outputs[:, i] for i, variable in enumerate(model.output_variables)}
     return {"time": start + np.arange(1, len(rows) + 1) * dt, **record}
 

@@ -134,8 +134,7 @@ def rates(plan, work, y, dy, signal, torque, torque_b, modes, matrix):
             work[dx] = rate
             dissipated += work[p + 3] * rate * rate
         elif law == RIPPLE:
-            t = -work[signal + RUNS] * fade(rate / FADE_SPEED) * ripple_torque(
-                work[y + plan[row + REFERENCE]], work[p + 2], work[p + 3], work[p + 4])
+            t = swinging_torque(work, p, rate, work[y + plan[row + REFERENCE]], signal)
             supplied -= t * rate
         elif law == LEADING:
             t = work[p + 2] * work[signal + plan[row + REFERENCE]] * (rate - work[signal + plan[row + SIGNAL]])
@@ -167,6 +166,13 @@ def rates(plan, work, y, dy, signal, torque, torque_b, modes, matrix):
         work[dy + plan[integral_table + 2 * i]] = work[y + plan[integral_table + 2 * i + 1]]
     work[dy + continuous - 2] = supplied
     work[dy + continuous - 1] = dissipated
+
+
+@kernel
+def swinging_torque(work, p, rate, angle, signal):
+    """Torque [N.m] at an ``angle`` [rad] of a RIPPLE branch with parameters at ``p``, turning at ``rate`` [rad/s]."""
+    return -work[signal + RUNS] * fade(rate / FADE_SPEED) * ripple_torque(
+        angle, work[p + 2], work[p + 3], work[p + 4])
 
 
 @kernel

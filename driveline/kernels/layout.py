@@ -48,7 +48,7 @@ HEADER = 39
 CHANNEL_COLUMNS = 5
 
 # Single constants, at the start of `constants` (and of the active copy).
-DELAY, SUBSTEP, NOISE_PERIOD, TICK, METER_GAIN, METER_OFFSET, METER_ON = range(7)
+DELAY, SUBSTEP, NOISE_PERIOD, TICK, METER_GAIN, METER_OFFSET, METER_ON, PROPAGATED = range(8)
 CONSTANTS_HEAD = 8
 
 # Signals known in every plant; the inputs follow.
@@ -67,6 +67,15 @@ QUEUE_SIZE = 1024
 MOST_STUCK = 8
 NONE_STUCK = -1.0  # in place of a branch's number
 
+# What is kept of derivatives (``propagation``): how many were taken, which are used, steps since modes changed, how
+# often they failed; then the modes of the last step, r of it, and a slot for each of the last sets of modes.
+KEPT, USED, CALM, FAILED = range(4)
+PROPAGATION_HEAD = 4
+SLOT_HEAD = 3
+SWINGS = 5  # instants in a step at which a torque that swings is looked at
+MOST_KEPT = 4
+NOT_A_MODE = 99.0
+
 OK, NOT_FINITE, TOO_MANY_EVENTS, QUEUE_FULL = range(4)
 
 NONE_DRAWN = 1 << 62  # in place of a noise value's number
@@ -76,7 +85,7 @@ TIME_TOLERANCE = 1e-9  # [s]; clock instants closer than this are the same
 @kernel
 def work_places(plan):
     """Where each part of `work` starts: signals, the state and its rates, both again for a step that is tried, a
-    stage of it, torques of all branches at either end, modes, outputs, the equations of what sticks.
+    stage of it, torques of all branches at either end, modes, outputs, the equations of what sticks, derivatives.
 
     The active copy of `constants` comes first.
     """
@@ -87,11 +96,26 @@ def work_places(plan):
     torque = y + 5 * n
     modes = torque + 2 * branches
     observed = modes + branches
+    matrix = observed + plan[OUTPUTS]
     return (signal, y, y + n, y + 2 * n, y + 3 * n, y + 4 * n, torque, torque + branches, modes, observed,
-            observed + plan[OUTPUTS])
+            matrix, matrix + MOST_STUCK * (MOST_STUCK + 3))
+
+
+@kernel
+def moving(plan):
+    """How many states move each other: speeds and what branches hold. Lags, integrals and the ledger only follow."""
+    return plan[CONTINUOUS] - plan[LAGS] - plan[INTEGRALS] - 2
+
+
+@kernel
+def slot_size(plan):
+    """Length of what is kept for one set of modes."""
+    m = moving(plan)
+    return SLOT_HEAD + plan[BRANCHES] + (2 + SWINGS) * m + 5 * m * m
 
 
 def work_size(plan):
     """Length of `work`."""
-    *_, matrix = work_places(plan)
-    return matrix + MOST_STUCK * (MOST_STUCK + 3)
+    *_, kept = work_places(plan)
+    m = moving(plan)
+    return kept + PROPAGATION_HEAD + plan[BRANCHES] + m + MOST_KEPT * slot_size(plan) + 3 * m * m

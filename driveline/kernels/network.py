@@ -22,12 +22,13 @@ from .layout import (
     ACTIVE_SIZE, BRANCHES, BRANCH_COLUMNS, BRANCH_TABLE, CONTINUOUS, COS_GRADE, DELAY, DELAYED,
     DELAYED_INPUT, EVENTS, FRICTION, GEAR, GEARS, GEARSET_BRANCH, GEARSET_NODE, GEAR_INPUT,
     GEAR_ROWS, GEAR_TABLE, GEAR_VALUES, GRADE_INPUT, INERTIA, INPUTS, IN_GEAR, LAGS, LAG_TABLE, LAW,
-    NODE_A, NODE_B, NOISE, NOISE_PERIOD, NONE_DRAWN, NOT_FINITE, OK, ONE, OUTPUTS, PARAMETER,
+    NODE_A, NODE_B, NOISE, NOISE_PERIOD, NONE_DRAWN, NOT_FINITE, OK, ONE, OUTPUTS, PARAMETER, PROPAGATED,
     QUEUE_FULL, RUNS, SEED, SHIFT_LAG, SIGNALS_HEAD, SIN_GRADE, STATE_CLOCK, STATE_MODES,
     STATE_QUEUE, SWITCHES, SWITCH_TABLE, TICK, TIME_TOLERANCE, work_places,
 )
 from .laws import rates
 from .outputs import observe, run_sensors
+from .propagation import forget_derivatives, propagate
 from .stepping import integrate
 from .sticking import forget_factors
 
@@ -55,8 +56,9 @@ def network_run(state: F8, plan: I8, constants: F8, work: F8, inputs: F8, output
     active = plan[ACTIVE_SIZE]
     clock = plan[STATE_CLOCK]
     queue = plan[STATE_QUEUE]
-    signal, y, dy, y2, dy2, spare, torque, torque_b, modes, observed, matrix = work_places(plan)
+    signal, y, dy, y2, dy2, spare, torque, torque_b, modes, observed, matrix, kept = work_places(plan)
     forget_factors(work, matrix)
+    forget_derivatives(plan, work, kept)
     for i in range(active):
         work[i] = constants[i]
     if plan[GEARS] > 0:
@@ -95,6 +97,7 @@ def network_run(state: F8, plan: I8, constants: F8, work: F8, inputs: F8, output
             if gear != int(state[clock + GEAR]):
                 shift(plan, state, work, constants, y, modes, gear)
                 forget_factors(work, matrix)
+                forget_derivatives(plan, work, kept)
             if gear == 0:
                 work[signal + IN_GEAR] = 0.0
         # the delayed input: remember the new value, look up the old one
@@ -127,7 +130,8 @@ def network_run(state: F8, plan: I8, constants: F8, work: F8, inputs: F8, output
                     work[y + plan[lag_table + 3 * i]] = work[signal + plan[lag_table + 3 * i + 1]]
             if steps == 0:
                 rates(plan, work, y, dy, signal, torque, torque_b, modes, matrix)
-            else:
+            elif not (work[PROPAGATED] > 0.0 and time == start + step * dt and end == stop and propagate(
+                    plan, work, y, dy, y2, dy2, spare, dt, signal, torque, torque_b, modes, matrix, kept)):
                 status, events = integrate(plan, work, y, dy, y2, dy2, spare, end - time,
                                            signal, torque, torque_b, modes, matrix)
                 state[clock + EVENTS] += events
@@ -169,7 +173,7 @@ def network_rates(state: F8, plan: I8, constants: F8, work: F8, inputs: F8,
     """
     n = plan[CONTINUOUS]
     branches = plan[BRANCHES]
-    signal, y, dy, _, _, _, torque, torque_b, modes, _, matrix = work_places(plan)
+    signal, y, dy, _, _, _, torque, torque_b, modes, _, matrix, _ = work_places(plan)
     forget_factors(work, matrix)
     for i in range(plan[ACTIVE_SIZE]):
         work[i] = constants[i]

@@ -86,7 +86,14 @@ def try_step(plan, work, y, first, h, target, rate, signal, torque, torque_b, mo
     rates(plan, work, spare, rate, signal, torque, torque_b, modes, matrix)
     for i in range(n):
         work[target + i] += h / 6.0 * work[rate + i]
-    # The shaft of an open lash springs back by its own exact solution.
+    spring_back(plan, work, y, target, h, modes)
+    rates(plan, work, target, rate, signal, torque, torque_b, modes, matrix)
+
+
+@kernel
+def spring_back(plan, work, y, target, h, modes):
+    """The shaft of an open lash springs back over ``h`` [s], by its own exact solution."""
+    n = plan[CONTINUOUS]
     table = plan[SWITCH_TABLE]
     for i in range(plan[SWITCHES]):
         b = plan[table + i]
@@ -98,7 +105,6 @@ def try_step(plan, work, y, first, h, target, rate, signal, torque, torque_b, mo
             after = lash_relaxation(before, h, work[p + 2], work[p + 3])
             work[target + x] = after
             work[target + n - 1] += 0.5 * work[p + 2] * (before * before - after * after)
-    rates(plan, work, target, rate, signal, torque, torque_b, modes, matrix)
 
 
 @kernel

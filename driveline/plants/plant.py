@@ -95,13 +95,16 @@ class Plant(KernelModel):
         if status != k.OK:
             raise ArithmeticError(f"{self.name} at {time:g} s: {STATUS[status]}")
 
-    def simulate(self, inputs: np.ndarray, dt: float, start_time: float = 0.0) -> np.ndarray:
+    def simulate(self, inputs: np.ndarray, dt: float, start_time: float = 0.0, *,
+                 propagated: bool = False) -> np.ndarray:
         """Many steps in one call, for studies and fits.
 
         Args:
             inputs: steps x number of inputs, in the order of ``inputs``; each row held over ``dt``.
             dt: Communication step [s].
             start_time: Time of the first step's beginning [s].
+            propagated: Take steps in which no contact changes at once, by what the plant does to small changes
+                (``kernels.propagation``). More exact and quicker, but other bits than step by step.
 
         Returns:
             steps x number of outputs, at the end of each step.
@@ -114,9 +117,11 @@ class Plant(KernelModel):
         inputs = np.require(inputs, np.float64, ["C", "W"])  # what is passed to compiled code must be writable
         self._check_rows(inputs, dt)
         outputs = np.empty((inputs.shape[0], len(self.output_variables)))
+        net.constants[k.PROPAGATED] = float(propagated)
         run = self._kernel.bind(
             self.state, net.plan, net.constants, net.work, inputs.reshape(-1), outputs.reshape(-1))
         status = run(float(start_time), float(dt), inputs.shape[0])
+        net.constants[k.PROPAGATED] = 0.0
         if status != k.OK:
             raise ArithmeticError(f"{self.name}: {STATUS[status]}")
         self._inputs[:] = inputs[-1]

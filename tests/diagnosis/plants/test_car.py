@@ -26,7 +26,7 @@ def on_its_own(values, run):
     for i, variable in enumerate(plant.inputs):
         plant[variable.name] = run.inputs[0, i]
     plant.initialize()
-    table = plant.simulate(run.inputs[:, :len(plant.inputs)], STEP, run.start)
+    table = plant.simulate(run.inputs[:, :len(plant.inputs)], STEP, run.start, propagated=True)
     return {variable.name: table[:, i] for i, variable in enumerate(plant.output_variables)}
 
 
