@@ -271,9 +271,9 @@ def in_process(seconds: float, repeats: int) -> list[Figure]:
     rows = np.tile(model.values[:len(model.inputs)], (round(MANOEUVRE / STEP), 1))
     rows[CHANGE:, 0] = AFTER
 
-    def manoeuvre(model, steps: int) -> None:
+    def manoeuvre(model, steps: int, propagated: bool = False) -> None:
         model.restore(at_start)
-        model.simulate(rows[:steps], STEP)
+        model.simulate(rows[:steps], STEP, propagated=propagated)
 
     def step_by_step() -> None:
         model.restore(at_start)
@@ -281,10 +281,13 @@ def in_process(seconds: float, repeats: int) -> list[Figure]:
             model.step(i * NANOSECONDS / 1e9, STEP)
 
     whole = seconds_of(repeats, lambda: manoeuvre(model, len(rows)))
+    at_once = seconds_of(repeats, lambda: manoeuvre(model, len(rows), propagated=True))
     single = seconds_of(repeats, step_by_step) / len(rows)
     figures = [
         Figure("in process, simulate()", 1.0 / whole, "1/s", f"manoeuvres of {MANOEUVRE:g} s, one core"),
         Figure("in process, 1 ms within simulate()", whole / len(rows) * 1e6, "us", "the kernel alone"),
+        Figure("in process, simulate(propagated=True)", at_once / whole, "x",
+               "time of whole steps at once over that of sub-steps"),
         Figure("in process, step() of 1 ms", single * 1e6, "us", "with checks and the call of the kernel"),
     ]
     steps = max(round(seconds / STEP), 2)
