@@ -8,9 +8,10 @@ from floors import FLOORS
 from scipy.interpolate import CubicSpline
 
 from cosim.diagnosis.plants import STEP, FullOrderCar, Nuisance
-from cosim.diagnosis.plants.car import CHANNELS, led_by
+from cosim.diagnosis.plants.car import CHANNELS, LedPlant, led_by
 from cosim.measured import CANONICAL, Channel, Manoeuvre, Measurement
 from driveline.plants.full_order import FullOrderPlant
+from driveline.plants.plant import Plant
 from driveline.quantities import InputError
 
 FINE = {"solver.maximum_substep": STEP / 3.0}
@@ -37,6 +38,22 @@ def test_without_anchors_it_is_the_full_order_plant(car_and_run):
     assert set(free) == {*CHANNELS, "axle_shaft_torque", "crankshaft_torque", "differential_speed"}
     for name in set(free) & set(itself) - {"differential_acceleration"}:
         assert np.array_equal(free[name], itself[name]), name
+
+
+@pytest.mark.parametrize("changes", [{}, {"torque_ripple.amplitude": 10.0}, {"engine.torque_noise": 5.0}],
+                         ids=["as it is", "ripple", "noise"])
+def test_steps_taken_at_once_show_what_short_steps_show(car_and_run, monkeypatch, changes):
+    """To a twentieth of what a sensor can tell; where there is noise of the torque it cuts steps as it changes."""
+    car, run = car_and_run
+    values = car.values | changes
+    at_once = car.raw(values, run)
+    monkeypatch.setattr(LedPlant, "simulate", lambda plant, *given, propagated: Plant.simulate(plant, *given))
+    short = car.raw(values | {"solver.maximum_substep": STEP / 20.0}, run)
+    for name, floor in FLOORS.items():
+        rms = np.sqrt(np.mean((at_once[name] - short[name]) ** 2))
+        assert 0.0 < rms < 0.05 * floor, name
+    without = car.raw(car.values | {"solver.maximum_substep": STEP / 20.0}, run)
+    assert np.array_equal(without["engine_speed"], short["engine_speed"]) == (not changes)
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.0005, 0.0437])
