@@ -18,6 +18,7 @@ from math import cos, floor, sin
 from ..sensors.can_signal import standard_normal
 from .backend import F8, I8, entry_point, kernel
 from .delay import next_change, recall, remember
+from .derivatives import forget_derivatives
 from .layout import (
     ACTIVE_SIZE, BRANCHES, BRANCH_COLUMNS, BRANCH_TABLE, CONTINUOUS, COS_GRADE, DELAY, DELAYED,
     DELAYED_INPUT, EVENTS, FRICTION, GEAR, GEARS, GEARSET_BRANCH, GEARSET_NODE, GEAR_INPUT,
@@ -28,7 +29,7 @@ from .layout import (
 )
 from .laws import rates
 from .outputs import observe, run_sensors
-from .propagation import forget_derivatives, propagate
+from .propagation import propagate
 from .stepping import integrate
 from .sticking import forget_factors
 

@@ -19,13 +19,13 @@ modes have not been the same for long, as derivatives and the functions of them 
 
 from __future__ import annotations
 
-from math import exp, pi
+from math import exp
 
 from .backend import kernel
+from .derivatives import add_product, linearise, slot_places, used_slot
 from .layout import (
-    BRANCHES, BRANCH_COLUMNS, BRANCH_TABLE, CALM, CONTACT, CONTINUOUS, FAILED, INERTIA, INTEGRALS, INTEGRAL_TABLE,
-    KEPT, LAGS, LAG_TABLE, LASH, LAW, MOST_KEPT, NODES, NODE_A, NOT_A_MODE, PARAMETER, PROPAGATION_HEAD, REFERENCE,
-    RIPPLE, SHAFT, SLOT_HEAD, SUBSTEP, SWINGS, TWIST, TWO_STAGE, USED, moving, slot_size,
+    BRANCHES, BRANCH_COLUMNS, BRANCH_TABLE, CALM, CONTINUOUS, FAILED, INTEGRALS, INTEGRAL_TABLE, KEPT, LAGS, LAG_TABLE,
+    MOST_KEPT, NODE_A, NOT_A_MODE, PARAMETER, PROPAGATION_HEAD, REFERENCE, SLOT_HEAD, SWINGS, USED, moving,
 )
 from .laws import rates, swinging_torque
 from .stepping import largest_guard, spring_back
@@ -34,20 +34,6 @@ PATIENCE = 50.0  # steps in the same modes after which derivatives are taken; as
 MOST_REFUSED = 10.0  # steps in a row that old derivatives may be wrong for
 TOLERANCE = 1e-7  # energy [J] of what a change of r does to the state in a step; refused beyond
 AS_BEFORE = 1e-10  # the same: r counts as that of the step before
-LARGE = 100.0  # N.m: a torque that swings, to see what it does
-SMALL = 1e-6  # change of a state for a derivative, of what it is, or of 1 rad, rad/s, m ...
-PART = 1.0 / 16.0  # of a sub-step of Runge-Kutta, for which the functions are series; doubled to a step from there
-TERMS = 7  # of the series of phi2
-
-
-@kernel
-def forget_derivatives(plan, work, kept):
-    """None are kept."""
-    work[kept + KEPT] = 0.0
-    work[kept + USED] = -1.0
-    work[kept + CALM] = 0.0
-    work[kept + FAILED] = 0.0
-    work[kept + PROPAGATION_HEAD] = NOT_A_MODE
 
 
 @kernel
@@ -170,22 +156,6 @@ def are_used(plan, work, modes, kept):
 
 
 @kernel
-def used_slot(plan, work, kept):
-    """Where the derivatives in use lie: how many there are, steps refused in a row, the branch that swings; modes."""
-    return kept + PROPAGATION_HEAD + plan[BRANCHES] + moving(plan) + int(work[kept + USED]) * slot_size(plan)
-
-
-@kernel
-def slot_places(plan, slot):
-    """What follows the modes: energy of a unit of each state; rates by the torque that swings, and what a unit of it
-    leaves at the end of a step, by instant; both functions, by columns; derivatives as rows, columns and values."""
-    m = moving(plan)
-    weights = slot + SLOT_HEAD + plan[BRANCHES]
-    phi1 = weights + (2 + SWINGS) * m
-    return weights, weights + m, phi1, phi1 + m * m, phi1 + 2 * m * m
-
-
-@kernel
 def swing_ahead(plan, work, y, dy, signal, b, time):
     """Torque [N.m] of branch ``b``, which swings with an angle, a ``time`` [s] ahead of state and rates."""
     row = plan[BRANCH_TABLE] + b * BRANCH_COLUMNS
@@ -206,190 +176,3 @@ def are_same(work, some, others, count):
         if work[some + i] != work[others + i]:
             return False
     return True
-
-
-@kernel
-def linearise(plan, work, y, dy, y2, dy2, h, signal, torque, torque_b, modes, matrix, kept):
-    """Keep derivatives of the rates ``work[dy:]``, and their functions over a step of ``h`` [s], in the slot in use."""
-    m = moving(plan)
-    branches = plan[BRANCHES]
-    slot = used_slot(plan, work, kept)
-    weights, response, phi1, phi2, entries = slot_places(plan, slot)
-    scaled = kept + PROPAGATION_HEAD + branches + m + MOST_KEPT * slot_size(plan)
-    for b in range(branches):
-        work[slot + SLOT_HEAD + b] = work[modes + b]
-    for i in range(m):
-        work[weights + i] = 0.0
-    for i in range(plan[NODES]):
-        work[weights + i] = work[plan[INERTIA] + i]
-    for b in range(branches):
-        row = plan[BRANCH_TABLE] + b * BRANCH_COLUMNS
-        law = plan[row + LAW]
-        if law == SHAFT or law == LASH or law == CONTACT or law == TWO_STAGE:
-            work[weights + plan[row + TWIST]] = work[plan[row + PARAMETER] + 2]
-    for i in range(plan[CONTINUOUS]):
-        work[y2 + i] = work[y + i]
-    count = 0
-    for j in range(m):
-        change = SMALL * (1.0 + abs(work[y + j]))
-        work[y2 + j] += change
-        rates(plan, work, y2, dy2, signal, torque, torque_b, modes, matrix)
-        work[y2 + j] = work[y + j]
-        for i in range(m):
-            value = (work[dy2 + i] - work[dy + i]) / change
-            work[scaled + j * m + i] = h * value
-            if value != 0.0:
-                work[entries + 3 * count] = float(i)
-                work[entries + 3 * count + 1] = float(j)
-                work[entries + 3 * count + 2] = value
-                count += 1
-    work[slot] = float(count)
-    work[slot + 1] = 0.0
-    doublings = 2
-    part = 0.25 * h
-    while part > PART * work[SUBSTEP]:
-        part *= 0.5
-        doublings += 1
-    exponential(work, scaled, phi1, phi2, m, doublings)
-    for i in range(2 * m * m):
-        work[phi1 + i] *= h
-    work[slot + 2] = -1.0
-    for b in range(branches):
-        row = plan[BRANCH_TABLE] + b * BRANCH_COLUMNS
-        if plan[row + LAW] == RIPPLE and work[plan[row + PARAMETER] + 2] > 0.0:
-            if respond(plan, work, y, dy, dy2, y2, h, signal, torque, torque_b, modes, matrix, b, response, phi1,
-                       scaled):
-                work[slot + 2] = float(b)
-    rates(plan, work, y, dy, signal, torque, torque_b, modes, matrix)
-
-
-@kernel
-def respond(plan, work, y, dy, dy2, spare, h, signal, torque, torque_b, modes, matrix, b, response, phi1, quarter):
-    """What the torque of branch ``b``, one that swings, does to the rates, and its part at each instant to the end of
-    a step of ``h`` [s], for which ``work[quarter:]`` has exp(h A / 4) - 1.
-
-    That of the first instant goes without what ``phi1`` times the rates there has of it already.
-    """
-    m = moving(plan)
-    p = plan[plan[BRANCH_TABLE] + b * BRANCH_COLUMNS + PARAMETER]
-    amplitude = work[p + 2]
-    phase = work[p + 4]
-    angle = work[y + plan[plan[BRANCH_TABLE] + b * BRANCH_COLUMNS + REFERENCE]]
-    work[p + 2] = LARGE
-    work[p + 4] = 0.5 * pi - work[p + 3] * angle
-    rates(plan, work, y, dy, signal, torque, torque_b, modes, matrix)
-    highest = work[torque + b]
-    work[p + 4] -= pi
-    rates(plan, work, y, dy2, signal, torque, torque_b, modes, matrix)
-    lowest = work[torque + b]
-    work[p + 2] = amplitude
-    work[p + 4] = phase
-    if highest == lowest:  # as it does not turn
-        return False
-    for i in range(m):
-        work[response + i] = (work[dy + i] - work[dy2 + i]) / (highest - lowest)
-    for s in range(SWINGS):
-        at = response + (SWINGS - s) * m
-        for i in range(m):
-            work[at + i] = work[response + i]
-            if s > 0:
-                work[at + i] = work[at + m + i]
-        if s > 0:
-            add_product(work, at, quarter, at + m, m)
-    for s in range(SWINGS):
-        weight = h * 7.0 / 90.0
-        if s == 1 or s == 3:
-            weight = h * 32.0 / 90.0
-        elif s == 2:
-            weight = h * 12.0 / 90.0
-        for i in range(m):
-            work[response + (s + 1) * m + i] *= weight
-    for i in range(m):
-        work[spare + i] = 0.0
-    add_product(work, spare, phi1, response, m)
-    for i in range(m):
-        work[response + m + i] -= work[spare + i]
-    return True
-
-
-@kernel
-def exponential(work, matrix, phi1, phi2, m, doublings):
-    """Both functions of a matrix of m columns; of a quarter of it, exp - 1 takes its place, and twice as many numbers
-    behind it are overwritten.
-
-    By their series over a small part of it, 1/2! + z/3! + z^2/4! ... for phi2, and from there by what doubling does:
-    phi2(2 z) = (2 phi2 + phi1 + e phi2) / 4, phi1(2 z) = phi1 + e phi1 / 2, e(2 z) = 2 e + e e, with e = exp(z) - 1.
-    """
-    size = m * m
-    e = matrix + size
-    product = e + size
-    coefficient = 1.0
-    for i in range(2, TERMS + 2):
-        coefficient /= i
-    for i in range(size):
-        for _ in range(doublings):
-            work[matrix + i] *= 0.5
-        work[phi2 + i] = 0.0
-    for i in range(m):
-        work[phi2 + i * m + i] = coefficient
-    for k in range(1, TERMS):
-        coefficient *= TERMS + 2 - k
-        for i in range(size):
-            work[product + i] = 0.0
-        add_matrices(work, product, matrix, phi2, m)
-        for i in range(size):
-            work[phi2 + i] = work[product + i]
-        for i in range(m):
-            work[phi2 + i * m + i] += coefficient
-    for i in range(size):
-        work[phi1 + i] = 0.0
-        work[e + i] = 0.0
-    for i in range(m):
-        work[phi1 + i * m + i] = 1.0
-    add_matrices(work, phi1, matrix, phi2, m)
-    add_matrices(work, e, matrix, phi1, m)
-    for k in range(doublings):
-        for i in range(size):
-            if k == doublings - 2:
-                work[matrix + i] = work[e + i]
-            work[product + i] = 2.0 * work[phi2 + i] + work[phi1 + i]
-        add_matrices(work, product, e, phi2, m)
-        for i in range(size):
-            work[phi2 + i] = 0.25 * work[product + i]
-            work[product + i] = 2.0 * work[phi1 + i]
-        add_matrices(work, product, e, phi1, m)
-        for i in range(size):
-            work[phi1 + i] = 0.5 * work[product + i]
-            work[product + i] = 2.0 * work[e + i]
-        add_matrices(work, product, e, e, m)
-        for i in range(size):
-            work[e + i] = work[product + i]
-
-
-@kernel
-def add_matrices(work, target, left, right, m):
-    """``work[target:]`` += the product of two matrices of m columns."""
-    for j in range(m):
-        add_product(work, target + j * m, left, right + j * m, m)
-
-
-@kernel
-def add_product(work, target, matrix, vector, m):
-    """``work[target:]`` += a matrix of m columns times a vector; four of them at once, as the target is read less."""
-    j = 0
-    while j + 3 < m:
-        a = work[vector + j]
-        b = work[vector + j + 1]
-        c = work[vector + j + 2]
-        d = work[vector + j + 3]
-        at = matrix + j * m
-        for i in range(m):
-            work[target + i] += ((a * work[at + i] + b * work[at + m + i])
-                                 + (c * work[at + 2 * m + i] + d * work[at + 3 * m + i]))
-        j += 4
-    while j < m:
-        a = work[vector + j]
-        at = matrix + j * m
-        for i in range(m):
-            work[target + i] += a * work[at + i]
-        j += 1
