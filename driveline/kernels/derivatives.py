@@ -100,6 +100,7 @@ def linearise(plan, work, y, dy, y2, dy2, h, signal, torque, torque_b, modes, ma
             if respond(plan, work, y, dy, dy2, y2, h, signal, torque, torque_b, modes, matrix, b, response, phi1,
                        scaled):
                 work[slot + 2] = float(b)
+    # rates and torques as they were
     rates(plan, work, y, dy, signal, torque, torque_b, modes, matrix)
 
 
@@ -128,14 +129,14 @@ def respond(plan, work, y, dy, dy2, spare, h, signal, torque, torque_b, modes, m
         return False
     for i in range(m):
         work[response + i] = (work[dy + i] - work[dy2 + i]) / (highest - lowest)
-    for s in range(SWINGS):
-        at = response + (SWINGS - s) * m
+    last = response + SWINGS * m
+    for i in range(m):
+        work[last + i] = work[response + i]
+    for s in range(1, SWINGS):
+        at = last - s * m
         for i in range(m):
-            work[at + i] = work[response + i]
-            if s > 0:
-                work[at + i] = work[at + m + i]
-        if s > 0:
-            add_product(work, at, quarter, at + m, m)
+            work[at + i] = work[at + m + i]
+        add_product(work, at, quarter, at + m, m)
     for s in range(SWINGS):
         weight = h * 7.0 / 90.0
         if s == 1 or s == 3:

@@ -125,14 +125,15 @@ def network_run(state: F8, plan: I8, constants: F8, work: F8, inputs: F8, output
                 ticks = int(floor((time + TIME_TOLERANCE) / tick)) + 1
                 if ticks * tick < end - TIME_TOLERANCE:
                     end = ticks * tick
+            whole = work[PROPAGATED] > 0.0 and time == start + step * dt and end == stop
             lag_table = plan[LAG_TABLE]
             for i in range(plan[LAGS]):
                 if work[plan[lag_table + 3 * i + 2]] <= 0.0:
                     work[y + plan[lag_table + 3 * i]] = work[signal + plan[lag_table + 3 * i + 1]]
             if steps == 0:
                 rates(plan, work, y, dy, signal, torque, torque_b, modes, matrix)
-            elif not (work[PROPAGATED] > 0.0 and time == start + step * dt and end == stop and propagate(
-                    plan, work, y, dy, y2, dy2, spare, dt, signal, torque, torque_b, modes, matrix, kept)):
+            elif not (whole and propagate(plan, work, y, dy, y2, dy2, spare, dt, signal, torque, torque_b, modes,
+                                          matrix, kept)):
                 status, events = integrate(plan, work, y, dy, y2, dy2, spare, end - time,
                                            signal, torque, torque_b, modes, matrix)
                 state[clock + EVENTS] += events

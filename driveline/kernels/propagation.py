@@ -8,7 +8,8 @@ the rates F by the state, kept for each set of modes, a step of h [s] from state
 where r is what the rates changed by in the step before, beyond A times the change of the state: by slip of the tyres,
 drag of the air, losses, and because derivatives grow old. That is the exponential multistep method of order two (Cox
 and Matthews, Journal of Computational Physics 176 (2002), 430). It asks for the rates twice a step, at either end,
-where Runge-Kutta in two sub-steps asks for them nine times.
+where Runge-Kutta in two sub-steps asks for them nine times; once more where r of this step is another, which then
+takes the place of that before.
 
 The firing of the cylinders swings too much in a step to be a part of r: its torque is looked at in five instants, and
 what each leaves at the end is summed by Boole's rule.
@@ -63,8 +64,10 @@ def propagate(plan, work, y, dy, y2, dy2, spare, h, signal, torque, torque_b, mo
     swung = 0.0
     if swinging >= 0:
         swung = work[torque + swinging]
+        t = swung
         for s in range(SWINGS):
-            t = swing_ahead(plan, work, y, dy, signal, swinging, s * h / (SWINGS - 1))
+            if s > 0:
+                t = swing_ahead(plan, work, y, dy, signal, swinging, s * h / (SWINGS - 1))
             for i in range(m):
                 work[y2 + i] += t * work[response + (s + 1) * m + i]
     lag_table = plan[LAG_TABLE]

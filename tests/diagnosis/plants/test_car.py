@@ -8,10 +8,9 @@ from floors import FLOORS
 from scipy.interpolate import CubicSpline
 
 from cosim.diagnosis.plants import STEP, FullOrderCar, Nuisance
-from cosim.diagnosis.plants.car import CHANNELS, LedPlant, led_by
+from cosim.diagnosis.plants.car import CHANNELS, led_by
 from cosim.measured import CANONICAL, Channel, Manoeuvre, Measurement
 from driveline.plants.full_order import FullOrderPlant
-from driveline.plants.plant import Plant
 from driveline.quantities import InputError
 
 FINE = {"solver.maximum_substep": STEP / 3.0}
@@ -42,12 +41,12 @@ def test_without_anchors_it_is_the_full_order_plant(car_and_run):
 
 @pytest.mark.parametrize("changes", [{}, {"torque_ripple.amplitude": 10.0}, {"engine.torque_noise": 5.0}],
                          ids=["as it is", "ripple", "noise"])
-def test_steps_taken_at_once_show_what_short_steps_show(car_and_run, monkeypatch, changes):
+def test_steps_taken_at_once_show_what_short_steps_show(car_and_run, by_short_steps, changes):
     """To a twentieth of what a sensor can tell; where there is noise of the torque it cuts steps as it changes."""
     car, run = car_and_run
     values = car.values | changes
     at_once = car.raw(values, run)
-    monkeypatch.setattr(LedPlant, "simulate", lambda plant, *given, propagated: Plant.simulate(plant, *given))
+    by_short_steps()
     short = car.raw(values | {"solver.maximum_substep": STEP / 20.0}, run)
     for name, floor in FLOORS.items():
         rms = np.sqrt(np.mean((at_once[name] - short[name]) ** 2))
