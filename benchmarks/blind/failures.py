@@ -36,6 +36,8 @@ def line(result: Result) -> str:
         text += f"; left over {left['log_evidence']:.0f} {left['place']}"
     if finding.get("unknown"):
         text += f"; {finding['unknown'].get('balance')} over {finding['unknown'].get('driving_variable')}"
+    if (more := result.get("missed")) is not None:
+        text += f"; a fit that begins at the truth is {abs(more):.1f} {'more' if more > 0.0 else 'less'} evident"
     if result["again"]:
         again = result["again"]
         after = again["error"] or f"{again['finding']['verdict']} {', '.join(listed(again['finding']))}"

@@ -21,8 +21,8 @@ import numpy as np
 import cosim
 import driveline
 from benchmarks.blind.cases import BlindCase, top_gear
-from benchmarks.blind.reading import CATALOGUED, NOTHING, found_sizes, named
-from benchmarks.blind.visibility import visibility
+from benchmarks.blind.reading import CATALOGUED, NOTHING, found_sizes, named, right_first
+from benchmarks.blind.visibility import missed, visibility
 from cosim.diagnosis.catalogue import CATALOGUE, apply_all
 from cosim.diagnosis.hidden import Hidden, hide
 from cosim.diagnosis.hidden.recordings import BACK, KINDS, usual
@@ -170,13 +170,14 @@ def examined(case: BlindCase, method: str = DIAGNOSE, code: str | None = None, s
         case: What is hidden.
         method: ``module:function``.
         code: ``fingerprint`` of who asks; another one here is refused.
-        shows: Whether it is also asked how much of an effect outside the catalogue shows, which takes two more fits.
+        shows: Whether it is also asked how much shows of an effect outside the catalogue, or of what was not found:
+            either takes two more fits.
     """
     if code is not None and code != fingerprint():
         raise InputError("the code of a worker is not that of who started the run (edited meanwhile, or another "
                          "version on the cluster): start again, what is done with this code is kept")
     result = {**asdict(case), "code": fingerprint(), "truth": None, "finding": None, "error": None,
-              "seconds": None, "gain": None, "shuffle": None, "visibility": None, "again": None}
+              "seconds": None, "gain": None, "shuffle": None, "visibility": None, "missed": None, "again": None}
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "measurement"
         try:
@@ -188,6 +189,9 @@ def examined(case: BlindCase, method: str = DIAGNOSE, code: str | None = None, s
                 result["shuffle"] = shuffle(diagnosis.car, hidden, result["finding"])
             if shows and case.category == "outside" and diagnosis.identification is not None:
                 result["visibility"] = _visibility(diagnosis, case, Path(folder) / "without")
+            if (shows and case.category in CATALOGUED and diagnosis.identification is not None
+                    and not right_first(result)):
+                result["missed"] = missed(diagnosis, hidden.effects)
         except Exception as error:
             result["error"] = f"{type(error).__name__}: {error}\n{traceback.format_exc(limit=-4)}"
             return result

@@ -71,6 +71,8 @@ def score(results: Sequence[Result]) -> list[Row]:
         rate("pair", "one of them first", (bool(set(listed(r["finding"])[:1]) & true_effects(r)) for r in pair)),
         rate("pair", "both in the stated set", map(in_set, pair), at_least(0.95)),
         mean("pair", "stated set, where there is one", (n for r in pair if (n := len(stated(r["finding"]))))),
+        rate("single and pair, not first", "fits that begin at the truth more evident",
+             (r["missed"] > 0.0 for r in both if r.get("missed") is not None)),
         rate("weak", "right cause first", map(right_first, weak)),
         rate("weak", "called none", (verdict(r) == "none" for r in weak)),
         rate("weak", "confidently wrong", map(confidently_wrong, weak)),

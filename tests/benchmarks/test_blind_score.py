@@ -113,3 +113,10 @@ def test_cocktail():
 def test_every_category_is_scored():
     of = {r["category"] for r in perfect()} | {"weak", "cocktail"}
     assert of == set(CATEGORIES)
+
+
+def test_what_was_not_found_is_told_from_what_is_not_to_be_found():
+    given = [result("single", finding("none"), SINGLE[0], **more) for more in ({"missed": 7.3}, {"missed": -2.0}, {})]
+    assert rows(given)["single and pair, not first", "fits that begin at the truth more evident"].here == 0.5
+    assert [text.count("begins at the truth") for text in map(failures.line, given)] == [1, 1, 0]
+    assert "7.3 more evident" in failures.line(given[0]) and "2.0 less evident" in failures.line(given[1])

@@ -1,11 +1,11 @@
-"""How much of an effect outside the catalogue shows: nothing where there is none, much where it is large."""
+"""How much of an effect shows: nothing where there is none, much where it is large, or was not looked for."""
 
 from types import SimpleNamespace
 
 import pytest
 from floors import shortened
 
-from benchmarks.blind.visibility import visibility
+from benchmarks.blind.visibility import missed, visibility
 from cosim.diagnosis.fit.fitting import Fitter
 from cosim.diagnosis.fit.predict import Predictor, coordinates
 from cosim.diagnosis.hidden import hide
@@ -22,7 +22,8 @@ def diagnosed(folder):
     file = fitter.nominal()
     noise = fitter.noise(file)
     healthy = fitter.assess(fitter.refine(file, noise, 3), noise)
-    found = SimpleNamespace(healthy=healthy, best=healthy, noise=noise)
+    found = SimpleNamespace(healthy=healthy, best=healthy, alternatives=[healthy], noise=noise,
+                            coordinates=fitter.coordinates)
     return SimpleNamespace(car=car, runs=runs, identification=found)
 
 
@@ -34,3 +35,16 @@ def test_what_shows_is_the_evidence_that_a_healthy_car_lacks(tmp_path, size, lea
     shown = visibility(with_it, without.runs)
     assert least < shown["healthy"] < most
     assert shown["found"] >= shown["healthy"] - 2.0  # which was not fitted to the end
+
+
+def test_what_a_search_missed_is_what_a_fit_from_the_truth_gains(tmp_path):
+    truth = {"tyre_slip": {"slip_stiffness": 0.55}}
+    hide(["tyre_slip=slip_stiffness:0.55"], 12, tmp_path / "m", structure="same", drift="none", manoeuvres=["tip_in:5"])
+    diagnosis = diagnosed(tmp_path / "m")
+    found = diagnosis.identification
+    gained = missed(diagnosis, truth)
+    assert gained > 20.0  # nothing but a healthy car was fitted
+    found.alternatives.append(SimpleNamespace(score=found.healthy.score + 100.0))
+    further = {**truth, "vehicle_mass": {"vehicle_mass": 1.6}}  # which nobody hid
+    assert missed(diagnosis, further) < gained - 100.0
+    assert missed(diagnosis, {"torque_meter_filter": {"no_such_number": 0.1}}) is None  # no recording has it

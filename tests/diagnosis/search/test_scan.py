@@ -1,12 +1,15 @@
-"""Starts of fits on plants of a few lines, whose landscapes are known."""
+"""Starts of fits: on plants of a few lines, whose landscapes are known, and of what a car hides."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from floors import measured, shortened
 from vibration import DETECTION, Plant, WithStages
 
+from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.fit.fitting import Fitter
+from cosim.diagnosis.fit.predict import Predictor, coordinates
 from cosim.diagnosis.search.scan import LARGE, SMALL, Scan, best_of_each
 
 
@@ -52,6 +55,28 @@ def test_sizes_that_mean_nothing_alone_are_looked_for_together():
     assert probe.shared[[3, 4]] == pytest.approx([0.4, 0.2])
     assert sized.shared[[3, 4]] == pytest.approx([0.15, 0.15], rel=0.15) and not np.any(sized.shared[:3])
     assert sized.hope > fitter.assess(start, noise).hope + 100.0 > probe.hope + 200.0
+
+
+def test_a_short_stiff_stage_of_axle_shafts_is_looked_for_where_it_is(car_and_run):
+    """A longer one is worse than none, and so is a softer one, from which nothing shows a way through no stage at all.
+    """
+    ratio, twist = 1.28, 0.005
+    car, run = car_and_run
+    run = shortened(run, 4.0)
+    tyres = CATALOGUE["tyre_slip"].changes({"slip_stiffness": 0.54}, car.values)
+    values = car.values | tyres | CATALOGUE["two_stage_stiffness"].changes(
+        {"first_stage_stiffness": ratio, "first_stage_twist": twist}, car.values)
+    led = measured(car, run, car.raw(values, run.free))
+    fitter = Fitter(Predictor(car, [led], coordinates(car, [led])))
+    point = np.zeros(len(fitter.coordinates))
+    point[fitter.predictor.index("tyre_slip")] = np.log(0.54)
+    start = replace(fitter.at(point), causes=("tyre_slip",))
+    noise = fitter.noise(start)
+    start = fitter.settle(fitter.assess(fitter.refine(start, noise), noise), noise)
+    best = Scan(fitter).starts(start, ["two_stage_stiffness"], noise)[0]
+    stiffness, width = (best.shared[i] for i in fitter.predictor.index("two_stage_stiffness"))
+    assert stiffness == pytest.approx(np.log(ratio), abs=0.1) and width == pytest.approx(twist, rel=0.4)
+    assert best.hope > start.hope + 4.0
 
 
 def test_the_best_of_each_supposition_comes_first():
