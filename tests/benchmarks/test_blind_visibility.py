@@ -13,11 +13,11 @@ from cosim.diagnosis.plants import plant_for
 from cosim.measured import load
 
 
-def diagnosed(folder):
+def diagnosed(folder, seconds=4.0):
     """As much of a diagnosis as is looked at: a healthy car was fitted, and nothing else was found."""
     measurement = load(folder)
     car = plant_for(measurement)
-    runs = [shortened(run, 4.0) for run in car.runs(measurement)]
+    runs = [shortened(run, seconds) for run in car.runs(measurement)]
     fitter = Fitter(Predictor(car, runs, coordinates(car, runs)))
     file = fitter.nominal()
     noise = fitter.noise(file)
@@ -40,7 +40,7 @@ def test_what_shows_is_the_evidence_that_a_healthy_car_lacks(tmp_path, size, lea
 def test_what_a_search_missed_is_what_a_fit_from_the_truth_gains(tmp_path):
     truth = {"tyre_slip": {"slip_stiffness": 0.55}}
     hide(["tyre_slip=slip_stiffness:0.55"], 12, tmp_path / "m", structure="same", drift="none", manoeuvres=["tip_in:5"])
-    diagnosis = diagnosed(tmp_path / "m")
+    diagnosis = diagnosed(tmp_path / "m", 2.5)
     found = diagnosis.identification
     gained = missed(diagnosis, truth)
     assert gained > 20.0  # nothing but a healthy car was fitted
