@@ -71,7 +71,7 @@ def missed(diagnosis: Any, sizes: Mapping[str, Mapping[str, float]]) -> float | 
         return None
     ways = fitter.refine(start, found.noise, 3), fitter.cooled(start, found.noise)
     ends = [fitter.settle(fitter.assess(fit, found.noise), found.noise).score for fit in ways]
-    return max(ends) - max(fit.score for fit in (found.best, *found.alternatives))
+    return max(ends) - max(fit.score for fit in found.alternatives)
 
 
 def _there(declared: Sequence[Coordinate],
@@ -80,11 +80,10 @@ def _there(declared: Sequence[Coordinate],
     point, causes = np.zeros(len(declared)), []
     for i, c in enumerate(declared):
         size = sizes.get(c.effect, {}).get(c.name)
-        if size is None or c.parameter.coordinate(size) == 0.0:
-            continue
-        x = c.parameter.coordinate(size)
-        point[i] = (x if c.part == 0 else 0.0) if c.phase else np.clip(x, c.low, c.high)
-        causes.append(c.cause)
+        x = 0.0 if size is None else c.parameter.coordinate(size)
+        if x != 0.0:
+            point[i] = np.clip(x, c.low, c.high) if c.part == 0 else 0.0
+            causes.append(c.cause)
     return point, key(dict.fromkeys(causes))
 
 
