@@ -164,14 +164,14 @@ def network_run(state: F8, plan: I8, constants: F8, work: F8, inputs: F8, output
 
 
 @entry_point
-def network_rates(state: F8, plan: I8, constants: F8, work: F8, inputs: F8,
-                  result: F8) -> int:
-    """Rates of the continuous states at ``state`` with its modes and the first row of ``inputs``.
+def network_rates(states: F8, plan: I8, constants: F8, work: F8, inputs: F8, result: F8, rows: int) -> int:
+    """Rates of the continuous states at some states, each with its modes, and the first row of ``inputs``.
 
     For equilibria and linearisation: the torque request counts as arrived, noise and ripple as zero.
 
     Args:
-        result: 2 x CONTINUOUS: the rates, then room for the torques of the branches.
+        states: rows x (CONTINUOUS + BRANCHES): continuous states, then modes, as the state begins.
+        result: As large: their rates, then the torques of the branches.
     """
     n = plan[CONTINUOUS]
     branches = plan[BRANCHES]
@@ -198,15 +198,17 @@ def network_rates(state: F8, plan: I8, constants: F8, work: F8, inputs: F8,
         work[signal + DELAYED] = inputs[plan[DELAYED_INPUT]]
     work[signal + NOISE] = 0.0
     work[signal + RUNS] = 0.0
-    for i in range(n):
-        work[y + i] = state[i]
-    for b in range(branches):
-        work[modes + b] = state[plan[STATE_MODES] + b]
-    rates(plan, work, y, dy, signal, torque, torque_b, modes, matrix)
-    for i in range(n):
-        result[i] = work[dy + i]
-    for b in range(branches):
-        result[n + b] = work[torque + b]
+    for row in range(rows):
+        at = row * (n + branches)
+        for i in range(n):
+            work[y + i] = states[at + i]
+        for b in range(branches):
+            work[modes + b] = states[at + n + b]
+        rates(plan, work, y, dy, signal, torque, torque_b, modes, matrix)
+        for i in range(n):
+            result[at + i] = work[dy + i]
+        for b in range(branches):
+            result[at + n + b] = work[torque + b]
     return OK
 
 

@@ -127,18 +127,13 @@ class SmallPlant(Plant):
             Accelerations, shape (nodes, n). The model must be initialised; its state does not change.
         """
         net = self.network
-        nodes, n = len(net.nodes), int(net.plan[k.CONTINUOUS])
-        state, result = self.state.copy(), np.zeros(2 * n)
-        evaluate = self._rates_kernel.bind(state, net.plan, net.constants, net.work, self._inputs, result)
+        nodes = len(net.nodes)
         rubbing = [net.modes.start + b for b, row in enumerate(self._branch_rows()) if row[k.LAW] == k.FRICTION]
-        state[:n] = 0.0
-        found = np.empty((nodes, speed.size))
-        for i, v in enumerate(speed.tolist()):
-            state[:nodes] = v
-            state[rubbing] = -1.0 if v < 0.0 else 1.0
-            evaluate()
-            found[:, i] = result[:nodes]
-        return found
+        states = np.tile(self.state[:net.modes.stop], (speed.size, 1))
+        states[:, :net.modes.start] = 0.0
+        states[:, :nodes] = speed[:, None]
+        states[:, rubbing] = np.where(speed < 0.0, -1.0, 1.0)[:, None]
+        return self.rates_at(states)[0][:, :nodes].T
 
     @property
     def inertias(self) -> np.ndarray:

@@ -20,6 +20,7 @@ from .assembly import GROUND, Network
 STABLE = 2.5
 _NOTHING = 1e-9  # N.m
 _NEARLY = 1e-2  # relative step of Newton's method below which its derivatives are kept
+_POINTS = 80  # states whose rates are asked for in one call
 
 STATUS = {
     k.NOT_FINITE: "a state is no longer finite; look for a parameter far from its usual size, or "
@@ -62,6 +63,10 @@ class Plant(KernelModel):
         net = self.network
         self._run = self._kernel.bind(
             self.state, net.plan, net.constants, net.work, self._inputs, self._outputs)
+        self._points = np.empty((_POINTS, net.modes.stop))
+        self._found = np.empty_like(self._points)
+        self._evaluate = self._rates_kernel.bind(self._points.reshape(-1), net.plan, net.constants, net.work,
+                                                 self._inputs, self._found.reshape(-1))
 
     def _initialize(self, start_time: float) -> None:
         net = self.network
@@ -234,12 +239,26 @@ class Plant(KernelModel):
 
     def rates(self, state: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Rates of the continuous states, and the branch torques [N.m], at a state (default: now)."""
-        net = self.network
-        n = int(net.plan[k.CONTINUOUS])
-        result = np.zeros(2 * n)
-        state = self.state if state is None else np.ascontiguousarray(state)
-        self._rates_kernel.bind(state, net.plan, net.constants, net.work, self._inputs, result)()
-        return result[:n], result[n:n + len(net.branches)]
+        rates, torques = self.rates_at((self.state if state is None else state)[None, :self.network.modes.stop])
+        return rates[0], torques[0]
+
+    def rates_at(self, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Rates of the continuous states, and the branch torques [N.m], at many states with the present inputs.
+
+        Args:
+            states: Continuous states and contact modes of each, as ``state`` begins with.
+
+        Returns:
+            states x continuous states, states x branches.
+        """
+        found = np.empty(states.shape)
+        for first in range(0, len(states), _POINTS):
+            part = states[first:first + _POINTS]
+            self._points[:len(part)] = part
+            self._evaluate(len(part))
+            found[first:first + len(part)] = self._found[:len(part)]
+        modes = self.network.modes
+        return found[:, :modes.start], found[:, modes]
 
     def state_matrix(self) -> tuple[np.ndarray, list[str]]:
         """Jacobian of the rates of all continuous states but the integrals and the energy ledger.
@@ -252,25 +271,16 @@ class Plant(KernelModel):
         """
         net = self.network
         size = int(net.plan[k.CONTINUOUS] - net.plan[k.INTEGRALS]) - 2
-        matrix = np.empty((size, size))
-        state = self.state.copy()
-        n = int(net.plan[k.CONTINUOUS])
-        result = np.zeros(2 * n)
-        evaluate = self._rates_kernel.bind(state, net.plan, net.constants, net.work, self._inputs, result)
-        evaluate()
-        at = result[:size].copy()
-        for j in range(size):
-            h = 1e-5 * (1.0 + abs(state[j]))
-            here = state[j]
-            state[j] = here + h
-            evaluate()
-            more = result[:size] - at
-            state[j] = here - h
-            evaluate()
-            less = at - result[:size]
-            matrix[:, j] = np.where((more == 0.0) | (less == 0.0), 0.0, more + less) / (2.0 * h)
-            state[j] = here
-        return matrix, [entry.name for entry in net.entries[:size]]
+        here = self.state[:net.modes.stop]
+        steps = 1e-5 * (1.0 + np.abs(here[:size]))
+        states = np.tile(here, (2 * size + 1, 1))
+        each = np.arange(size)
+        states[each, each] += steps
+        states[size + each, each] -= steps
+        rates = self.rates_at(states)[0][:, :size]
+        more, less = rates[:size] - rates[-1], rates[-1] - rates[size:-1]
+        matrix = np.where((more == 0.0) | (less == 0.0), 0.0, more + less) / (2.0 * steps[:, None])
+        return np.ascontiguousarray(matrix.T), [entry.name for entry in net.entries[:size]]
 
     def possible_gears(self) -> list[int | None]:
         """The gears it may get into from here; None for the present one."""
@@ -327,20 +337,15 @@ class Plant(KernelModel):
         shape = speeds / speeds[body]
         stuck = [b for b, r in enumerate(rows) if r[k.LAW] in k.DRY and modes[b] == 0.0]
         slips = self.kinematics()[stuck]
-        n = int(net.plan[k.CONTINUOUS])
-        result = np.zeros(2 * n)
-        evaluate = self._rates_kernel.bind(self.state, net.plan, net.constants, net.work, self._inputs, result)
-
         def residuals(points: np.ndarray) -> np.ndarray:
             """What has to vanish (points x equations); leaves the plant at the last point."""
-            states, rates = np.empty((len(points), n)), np.empty((len(points), n))
-            for row, x in enumerate(points):
-                self.state[unknown] = x[:-1]
-                self.state[gaps] = self.state[gaps + 1]  # the rate of the shaft's own twist
-                for b, twist, width in staged:
-                    modes[b] = np.sign(self.state[twist]) * (abs(self.state[twist]) > width)
-                evaluate()
-                states[row], rates[row] = self.state[:n], result[:n]
+            states = np.tile(self.state[:net.modes.stop], (len(points), 1))
+            states[:, unknown] = points[:, :-1]
+            states[:, gaps] = states[:, gaps + 1]  # the rate of the shaft's own twist
+            for b, twist, width in staged:
+                states[:, net.modes][:, b] = np.sign(states[:, twist]) * (np.abs(states[:, twist]) > width)
+            rates = self.rates_at(states)[0]
+            self.state[:net.modes.stop] = states[-1]
             # a control holds its slip, or nothing: where what is beside the clutch carries the torque with less
             holding = np.maximum(rates[:, held], -states[:, held] / reset_time)
             return np.hstack([rates[:, :n_nodes] - shape * points[:, -1:], rates[:, twisted], rates[:, settled],
@@ -360,7 +365,7 @@ class Plant(KernelModel):
                 if change < 1e-12:
                     break
             residuals(x[None])
-            torques = result[n:n + len(net.branches)]
+            torques = self.rates()[1]
             wrong = [b for b in lashes if torques[b] * modes[b] < 0.0]
             modes[wrong] *= -1.0
             if not wrong:
