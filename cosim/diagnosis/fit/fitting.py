@@ -20,6 +20,7 @@ SECOND_PARAMETER = -3.0  # and that a second parameter of it is off as well
 ENOUGH, _CLEAR, _ALSO = 3, 4.0, 3.0
 _ENSEMBLE = 8  # simulations with a wandering torque
 SETTLED = 1.0  # log evidence that a fit with new derivatives may still gain
+_PROMISED = 5.0  # log evidence; more that derivatives promise and a fit does not reach is worth a further set of them
 _BENT = 2.0  # squared distance [sigma] between a run and its tangent at which derivatives are renewed
 _JUDGED = 2.0  # power of the heavy tail where suppositions are compared
 _ROUNDS = 6  # of new derivatives for a fit
@@ -70,6 +71,7 @@ class Fit:
         foretold: Log evidence of each run, given all others; None where runs are too few.
         near: Whether new derivatives by its causes and the runs' own gained nothing more.
         settled: Whether new ones by everything did not.
+        stuck: Whether new ones by everything gained nothing, though they promised it.
     """
 
     causes: tuple[str, ...]
@@ -83,6 +85,7 @@ class Fit:
     foretold: np.ndarray | None = field(default=None, repr=False)
     near: bool = False
     settled: bool = False
+    stuck: bool = False
 
     @property
     def effects(self) -> tuple[str, ...]:
@@ -313,13 +316,16 @@ class Fitter:
         """Refined with derivatives of its own, by everything or only by its causes and the runs' own.
 
         Where nothing more is gained it keeps these: what a last small step showed beyond them is impacts, by chance,
-        and corrections by that let evidence seem 1.5 higher.
+        and corrections by that let evidence seem 1.5 higher. In a long valley derivatives by everything may promise
+        much and gain nothing: then others are tried once.
         """
+        stuck = fit.stuck
         fresh = self.assess(self.relinearise(fit, everything), noise)
         fit = self.assess(self.refine(fresh, noise), noise)
         if fit.score - fresh.score < SETTLED:
+            misled = everything and not stuck and fresh.hope - fresh.score > _PROMISED
             own = [Tangent(here.jacobian, moved.bent) for here, moved in zip(fresh.tangents, fit.tangents)]
-            fit = self.assess(replace(fit, tangents=own, near=True), noise)
+            fit = self.assess(replace(fit, tangents=own, near=not misled, stuck=misled), noise)
         fit.settled = fit.near and everything
         return fit
 

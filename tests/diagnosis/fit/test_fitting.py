@@ -74,6 +74,18 @@ def test_a_score_is_what_was_reached_and_a_hope_what_derivatives_promise():
     assert 0.0 <= moved.hope - moved.score < 0.5
 
 
+def test_where_derivatives_promise_much_and_nothing_is_gained_others_are_tried_once(monkeypatch):
+    search, result = found({"curve": 0.06})
+    fitter, noise = search.fitter, result.noise
+    start = fitter.assess(replace(fitter.nominal(), causes=("curve",)), noise)
+    monkeypatch.setattr(fitter, "refine", lambda fit, noise: replace(fit))  # no step gains anything
+    once = fitter.renewed(start, noise)
+    assert once.stuck and not (once.near or once.settled)
+    assert fitter.renewed(once, noise).settled
+    assert fitter.renewed(start, noise, everything=False).near  # by some derivatives nothing is promised
+    assert fitter.renewed(result.best, noise).settled
+
+
 def test_derivatives_follow_a_step_and_tell_how_far_they_were_off():
     random = np.random.default_rng(3)
     run = Plant({}).runs[0]

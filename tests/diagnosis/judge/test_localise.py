@@ -23,7 +23,8 @@ def missing(car, run, raw, places=PLACES, loaded=False):
         fitter = Fitter(predictor)
         fit = fitter.nominal()
         noise = fitter.noise(fit)
-        return disturbances(predictor, fitter.renewed(fitter.refine(fit, noise, 5), noise), noise, places, loaded), led
+        fit = fitter.settle(fitter.cooled(fit, noise), noise)
+        return disturbances(predictor, fit, noise, places, loaded), led
 
 
 def bent(car, run, torque):
