@@ -21,9 +21,8 @@ from typing import Any
 import numpy as np
 
 from cosim.diagnosis.catalogue import CATALOGUE
-from cosim.diagnosis.effect import EffectParameter
 from cosim.diagnosis.fit.fitting import EFFECT
-from cosim.diagnosis.judge.finding import as_well, balances, in_doubt, joint_probability
+from cosim.diagnosis.judge.finding import as_well, balances, in_doubt, is_shown, joint_probability
 
 Result = Mapping[str, Any]
 SURE = 0.8
@@ -102,13 +101,8 @@ def visible(result: Result) -> bool | None:
                 if p.name in hidden and (effect, p.name) in shown]
         if not rows:
             return None
-        beyond.append(any(_beyond(row, p, size) for row, p, size in rows))
+        beyond.append(any(is_shown(row, p.applied(size, row["nominal"])) for row, p, size in rows))
     return all(beyond) if beyond else None
-
-
-def _beyond(row: Mapping[str, Any], parameter: EffectParameter, size: float) -> bool:
-    value = parameter.applied(size, row["nominal"])
-    return (row["below"] is not None and value <= row["below"]) or (row["above"] is not None and value >= row["above"])
 
 
 def confidently_wrong(result: Result) -> bool:

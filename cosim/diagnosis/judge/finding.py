@@ -64,6 +64,17 @@ def believed(finding: Mapping[str, Any]) -> bool:
     return finding["verdict"] != "unknown" or joint_probability(finding, finding["together"]) >= 0.5
 
 
+def is_shown(row: Mapping[str, Any], value: float) -> bool:
+    """Whether recordings would show a parameter that is as far off as this, by its row of ``would_show``."""
+    limit = shown_from(row, value)
+    return limit is not None and abs(value - row["nominal"]) >= abs(limit - row["nominal"])
+
+
+def shown_from(row: Mapping[str, Any], value: float) -> float | None:
+    """From where on recordings would show a parameter, to the side of a value; None where nothing plausible shows."""
+    return row["above" if value > row["nominal"] else "below"]
+
+
 def missing(unknown: Mapping[str, Any]) -> tuple[str, str]:
     """What an unknown effect is, a torque, a force or a twist, and its unit."""
     return _WHAT[unknown["unit"]], unknown["unit"]

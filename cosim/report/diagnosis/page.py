@@ -18,9 +18,11 @@ from cosim.diagnosis.judge.finding import (
     either,
     goes_with_words,
     in_doubt,
+    is_shown,
     joint_probability,
     lacking,
     missing,
+    shown_from,
 )
 from cosim.report import svg
 from cosim.report.diagnosis.pictures import over_time, what_is_missing
@@ -117,15 +119,13 @@ def _cause(cause: Mapping[str, Any], finding: Mapping[str, Any], values: Values)
 
 def _too_small(finding: Mapping[str, Any], cause: Mapping[str, Any], name: str) -> str:
     """That the recordings would show a parameter only from a larger size on than it was found, in words; or nothing."""
-    found = cause["parameters"][name]
-    side = 1.0 if found["value"] > found["nominal"] else -1.0
+    value = cause["parameters"][name]["value"]
     for row in finding.get("would_show", ()):
-        if (row["effect"], row["parameter"]) == (cause["effect"], name):
-            limit = row["above" if side > 0.0 else "below"]
+        if (row["effect"], row["parameter"]) == (cause["effect"], name) and not is_shown(row, value):
+            limit = shown_from(row, value)
             if limit is None:
                 return "No plausible size of it alone would show in these recordings."
-            if side * found["value"] < side * limit:
-                return f"Smaller than would show in these recordings alone: from {with_unit(limit, row['unit'])} on."
+            return f"Smaller than would show in these recordings alone: from {with_unit(limit, row['unit'])} on."
     return ""
 
 
