@@ -48,7 +48,8 @@ class Proposal:
     """A manoeuvre and how far apart it puts suppositions.
 
     Attributes:
-        kind, gear, torque, speed: What to drive; the highest torque [N.m], speed at the start [m/s].
+        kind, gear, torque, speed: What to drive; its highest torque [N.m], below zero on the overrun; speed at the
+            start [m/s].
         back: Whether on the same road the other way, where its slope has the other sign.
         apart: If the likeliest is true, how far every other is from it then [sigma], judged as the recordings are, with
             those there are; the nearest first.
@@ -110,7 +111,8 @@ def propose(fitter: Fitter, found: Identification, rivals: Sequence[Fit]) -> Pro
                 chance = _chance(apart, fits, likely)
                 if best is None or chance > best.chance:
                     others = sorted(zip(apart[0, 1:].tolist(), rivals), key=lambda pair: pair[0])
-                    best = Proposal(kind, gear, torque, speed, back, tuple(others), chance)
+                    highest = torque * max(share for _, share in corners)
+                    best = Proposal(kind, gear, highest, speed, back, tuple(others), chance)
     return best
 
 
@@ -270,6 +272,7 @@ def words(proposal: Proposal, one: Fit) -> str:
 
     way = ", on the same road the other way (back = true)" * proposal.back
     others = ", ".join(f"{max(sigma, 0.0):.1f} sigma from {name(fit.effects)}" for sigma, fit in proposal.apart)
-    found = (f"to {proposal.torque:.0f} N.m from {3.6 * proposal.speed:.0f} km/h{way}: {name(one.effects)}, if it is "
+    to = "to" if proposal.torque > 0.0 else "at"
+    found = (f"{to} {proposal.torque:.0f} N.m from {3.6 * proposal.speed:.0f} km/h{way}: {name(one.effects)}, if it is "
              f"that, is then {others}; chance to tell which it is {100.0 * proposal.chance:.0f} %")
     return found if proposal.chance > 0.5 else found + ", and nothing that was tried does more"

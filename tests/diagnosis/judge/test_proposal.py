@@ -176,6 +176,14 @@ def test_no_more_is_proposed_than_the_engine_gives(healthy, monkeypatch):
     assert highest[0] < highest[1] - 10.0 and highest[2] == pytest.approx(highest[1], abs=1.0)
 
 
+@pytest.mark.parametrize(("kind", "said"), [("tip_out", "to 176 N.m"), ("coast_down", "at -12 N.m")])
+def test_the_torque_that_is_said_is_the_highest_there_is(healthy, monkeypatch, kind, said):
+    mass = supposed(healthy, "vehicle_mass", 0.1)
+    gear = 3 if kind == "tip_out" else proposal.TOP
+    found = propose(healthy, mass, [healthy[1]], monkeypatch, (gear,), (kind,))
+    assert proposal.words(found, mass).startswith(f"{said} from")
+
+
 @pytest.mark.parametrize(("grip", "top", "expected"), [
     (1.0, 10, [3, 5, 10]), (3.0, 10, [2, 3, 5, 10]), (1.0, 4, [3, 4])])
 def test_candidates_are_driven_in_gears_there_are_and_that_tyres_carry(healthy, grip, top, expected):
