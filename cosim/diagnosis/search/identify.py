@@ -139,6 +139,7 @@ class Search:
         causes: Which are looked for.
         challenge: Of whoever leads, by these.
         scanned: Causes beside which every other was scanned, and fitted by derivatives of its own.
+        instead: Suppositions that have what pushes like a cause of a leader in its place, and were fitted for that.
         refitted: Suppositions that were fitted in further ways; of each, by how much the best of its fits is better
             than the next [log evidence].
     """
@@ -157,6 +158,7 @@ class Search:
         self.coordinates = predictor.coordinates
         self.scanned: set[tuple[str, ...]] = set()
         self.refitted: dict[tuple[str, ...], float] = {}
+        self.instead: set[tuple[str, ...]] = set()
 
     def run(self) -> Identification:
         """Every cause alone, and what follows from there; two at once where that leaves a recording unexplained."""
@@ -193,8 +195,8 @@ class Search:
                 self.pool.settle(leader)
             elif leader.causes != self.pool.judged:
                 self.pool.judge_by(leader)
-            elif not (self._challenged(leader) or self._swapped(needed) or self._rivals_settled(leader)
-                      or self._once_more(leader)):
+            elif not (self._challenged(leader) or self._swapped(needed) or self._pushed_alike(leader)
+                      or self._rivals_settled(leader) or self._once_more(leader)):
                 break
 
     def part(self, fit: Fit, causes: tuple[str, ...]) -> Fit:
@@ -282,6 +284,10 @@ class Search:
         """Fitted from the vehicle file with its causes in it."""
         return self.pool.brought_near(self.fitter.cooled(start, self.pool.noise))
 
+    def _anew(self, start: Fit) -> Fit:
+        """As ``_from_file``, and settled by everything."""
+        return self.pool.settled(self.fitter.cooled(start, self.pool.noise))
+
     def _swapped(self, leader: Fit) -> bool:
         """Whether there was still something to put in place of a cause of the leader: scanned beside its others.
 
@@ -293,6 +299,19 @@ class Search:
                 fits += self._afresh(leader, leader.without(gone))
         self.pool.enter(fits)
         return bool(fits)
+
+    def _pushed_alike(self, leader: Fit) -> bool:
+        """Whether what pushes like a cause of the leader had yet to be fitted in its place, as large as does the same.
+
+        A lead over that counts for less, so it has to be as good a fit: from the vehicle file anew, by everything.
+        """
+        swaps = {key((*leader.without(gone), cause)): (gone, cause) for gone in leader.causes for cause in self.causes
+                 if cause not in leader.causes and push_alike([gone.partition(":")[0]], [cause.partition(":")[0]])}
+        there = [self._in_place(leader, *swap)[0] for causes, swap in swaps.items() if causes not in self.instead]
+        self.instead.update(swaps)
+        starts = [anew for start in there if start and (anew := self._in_file(start, start.causes))]
+        self.pool.enter(self.predictor.at_once([partial(self._anew, start) for start in starts]))
+        return bool(starts)
 
     def _needed(self, leader: Fit) -> Fit:
         """The fewest of a leader's causes, one at least, with which a supposition cannot be told from it.
@@ -334,7 +353,7 @@ class Search:
             anew = self._in_file(fit, fit.causes) if fit.causes else self.file
             ways = [lambda start=elsewhere: self.pool.settled(start)]
             if anew is not None:
-                ways.append(lambda start=anew: self.pool.settled(self.fitter.cooled(start, self.pool.noise)))
+                ways.append(lambda start=anew: self._anew(start))
             ends = self.predictor.at_once(ways)
             best, second, *_ = sorted((end.score for end in (fit, *ends)), reverse=True)
             self.refitted[fit.causes] = best - second
@@ -348,24 +367,29 @@ class Search:
         fit got, and counts for neither; but for one that would have to be larger than it can be.
         """
         leader, *rivals = self._close(self.pool.worthy()[0])
-        layout = self.fitter.layout
         for fit in (leader, *rivals):
             same = [fit]
             for gone, other in self._swaps(fit):
-                change = instead(self.first, self.coordinates, fit.shared, gone, other)
-                wanted = [x + change for x in (fit.shared, *fit.points)]
-                there = [np.clip(x, layout.low, layout.high) for x in wanted]
-                causes = key((*fit.without(gone), other))
-                start = self.fitter.placed(fit, causes, there[0], there[1:])
+                start, is_possible = self._in_place(fit, gone, other)
                 if start is not None:
                     twin = self.pool.brought_near(start) if fit is leader else self.pool.refined(start)
-                    self.pool.fits[causes] = twin
-                    mine = self.predictor.index(other)
-                    if np.array_equal(there[0][mine], wanted[0][mine]):
+                    self.pool.fits[start.causes] = twin
+                    if is_possible:
                         same.append(twin)
             score, hope = max(twin.score for twin in same), max(twin.hope for twin in same)
             for twin in same:
                 twin.score, twin.hope = score, hope
+
+    def _in_place(self, fit: Fit, gone: str, other: str) -> tuple[Fit | None, bool]:
+        """Another cause in place of one of a fit, where it does the same, and whether it can be as large as that; None
+        where it cannot be simulated."""
+        layout = self.fitter.layout
+        change = instead(self.first, self.coordinates, fit.shared, gone, other)
+        wanted = [x + change for x in (fit.shared, *fit.points)]
+        there = [np.clip(x, layout.low, layout.high) for x in wanted]
+        mine = self.predictor.index(other)
+        return (self.fitter.placed(fit, key((*fit.without(gone), other)), there[0], there[1:]),
+                np.array_equal(there[0][mine], wanted[0][mine]))
 
     def _put_around(self) -> None:
         """In place of a cause of the leader what is the same in these recordings, but would not be in livelier ones."""

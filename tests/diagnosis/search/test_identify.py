@@ -10,6 +10,7 @@ from scipy.stats import norm
 from vibration import CLOCK, DETECTION, Plant, WithPlay, WithStages, found
 
 from cosim.diagnosis import catalogue
+from cosim.diagnosis.search import identify
 from cosim.diagnosis.search.detectable import Shown
 from cosim.diagnosis.search.identify import APART, LACKING, Identification, Search, tempered
 from cosim.diagnosis.search.pool import SMALLEST
@@ -275,6 +276,23 @@ def test_between_effects_that_push_alike_a_lead_counts_for_less(monkeypatch):
               for causes in (("size", "tilt"), ("size",), ("slope", "tilt"), ("curve", "slope"))]
     assert [at(result, best, fit).lead(fit) for fit in rivals] == pytest.approx([6.0, 12.0, 12.0, 12.0])
     assert [at(result, best, fit).apart(fit) < APART for fit in rivals] == [True, False, False, False]
+
+
+def test_what_pushes_like_a_cause_of_the_leader_is_fitted_as_well_as_the_leader(monkeypatch):
+    """It may be in a worse minimum, where lashes are crossed at other moments: here half a period off."""
+    monkeypatch.setattr(identify, "push_alike", lambda one, other: {*one, *other} == {"slope", "curve"})
+    search, result = found({"slope": 0.4, "size": 0.3})
+    fitter, best = search.fitter, result.best
+    assert best.causes in (("size", "slope"), ("size", "tilt")) and ("curve", "size") in search.instead
+    right = search.pool.fits["curve", "size"]
+    assert right.near
+    off = 0.4 * np.eye(len(best.shared))[0]
+    short = fitter.placed(right, right.causes, right.shared + off, [point + off for point in right.points])
+    search.pool.fits[right.causes] = replace(fitter.assess(short, result.noise), near=True)
+    assert not search._pushed_alike(best)  # once
+    search.instead.clear()
+    assert search._pushed_alike(best)
+    assert search.pool.fits[right.causes].score == pytest.approx(right.score, abs=2.0)
 
 
 def test_causes_that_do_the_same_are_together_more_likely_than_each():
