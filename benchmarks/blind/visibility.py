@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from cosim.diagnosis.fit.fitting import Fit, Fitter
-from cosim.diagnosis.fit.predict import Coordinate, Predictor, coordinates
+from cosim.diagnosis.fit.predict import Coordinate, Predictor, coordinates, effect_of
 from cosim.diagnosis.plants import Run
 from cosim.diagnosis.search.scan import key
 
@@ -62,7 +62,7 @@ def missed(diagnosis: Any, sizes: Mapping[str, Mapping[str, float]]) -> float | 
     """
     found = diagnosis.identification
     point, causes = _there(found.coordinates, sizes)
-    if not set(sizes) <= {cause.partition(":")[0] for cause in causes}:
+    if not set(sizes) <= set(map(effect_of, causes)):
         return None
     fitter = Fitter(Predictor(diagnosis.car, diagnosis.runs, found.coordinates))
     try:

@@ -9,7 +9,7 @@ import numpy as np
 
 from cosim.diagnosis.fit.evidence import Evidence, Layout, Posterior, Slopes, prior
 from cosim.diagnosis.fit.noise import Noise, floors
-from cosim.diagnosis.fit.predict import Predictor
+from cosim.diagnosis.fit.predict import Predictor, effect_of
 
 # Log odds that a given effect is there: of thirty, one in two that a car has any, as who asks has a reason to. What is
 # not there gains up to 1, and is then smaller than what counts (``pool.SMALLEST``).
@@ -90,7 +90,7 @@ class Fit:
     @property
     def effects(self) -> tuple[str, ...]:
         """The effects of the catalogue that its causes belong to."""
-        return tuple(dict.fromkeys(cause.partition(":")[0] for cause in self.causes))
+        return tuple(dict.fromkeys(effect_of(cause) for cause in self.causes))
 
     def without(self, gone: str) -> tuple[str, ...]:
         """Its causes but for one."""
@@ -161,7 +161,7 @@ class Fitter:
     def log_prior(self, causes: Iterable[str]) -> float:
         """Log odds of a set of causes before anything was measured."""
         causes = list(causes)
-        count = len({cause.partition(":")[0] for cause in causes})
+        count = len({effect_of(cause) for cause in causes})
         return EFFECT * count + SECOND_PARAMETER * (len(causes) - count)
 
     def judged(self, fit: Fit, noise: Noise) -> Evidence:

@@ -381,6 +381,11 @@ class Predictor:
         return found
 
 
+def effect_of(cause: str) -> str:
+    """The effect of the catalogue that a cause belongs to: it is that, or one of its parameters that acts alone."""
+    return cause.partition(":")[0]
+
+
 def amplitude(parts: Sequence[float], deviations: Sequence[float] = (0.0,)) -> float:
     """Of a swing, by both of its components in every run: root mean square over the runs.
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cosim.diagnosis.fit.fitting import Fit, as_found
-from cosim.diagnosis.fit.predict import Predictor
+from cosim.diagnosis.fit.predict import Predictor, effect_of
 from cosim.diagnosis.fit.regression import paired
 from cosim.diagnosis.judge.road import on_its_road
 from cosim.diagnosis.plants import FullOrderCar, Run
@@ -48,7 +48,7 @@ class Verdict:
     @property
     def effect(self) -> str:
         """The effect of the catalogue that it belongs to."""
-        return self.cause.partition(":")[0]
+        return effect_of(self.cause)
 
 
 class Jury:

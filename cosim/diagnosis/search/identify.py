@@ -24,7 +24,7 @@ from cosim.diagnosis.catalogue import push_alike
 from cosim.diagnosis.fit.evidence import Evidence
 from cosim.diagnosis.fit.fitting import EFFECT, Fit, Fitter, as_found
 from cosim.diagnosis.fit.noise import Noise
-from cosim.diagnosis.fit.predict import Coordinate, Predictor
+from cosim.diagnosis.fit.predict import Coordinate, Predictor, effect_of
 from cosim.diagnosis.search.alike import alike, instead
 from cosim.diagnosis.search.challenge import SWAPPED_CAUSES, Challenge
 from cosim.diagnosis.search.detectable import Shown, detectable, told
@@ -306,7 +306,7 @@ class Search:
         A lead over that counts for less, so it has to be as good a fit: from the vehicle file anew, by everything.
         """
         swaps = {key((*leader.without(gone), cause)): (gone, cause) for gone in leader.causes for cause in self.causes
-                 if cause not in leader.causes and push_alike([gone.partition(":")[0]], [cause.partition(":")[0]])}
+                 if cause not in leader.causes and push_alike([effect_of(gone)], [effect_of(cause)])}
         there = [self._in_place(leader, *swap)[0] for causes, swap in swaps.items() if causes not in self.instead]
         self.instead.update(swaps)
         starts = [anew for start in there if start and (anew := self._in_file(start, start.causes))]
@@ -351,9 +351,9 @@ class Search:
             other = close[1] if fit is leader else leader
             elsewhere = self.challenge.start(other, fit.causes, self.fitter.judged(other, self.pool.noise))
             anew = self._in_file(fit, fit.causes) if fit.causes else self.file
-            ways = [lambda start=elsewhere: self.pool.settled(start)]
+            ways = [partial(self.pool.settled, elsewhere)]
             if anew is not None:
-                ways.append(lambda start=anew: self._anew(start))
+                ways.append(partial(self._anew, anew))
             ends = self.predictor.at_once(ways)
             best, second, *_ = sorted((end.score for end in (fit, *ends)), reverse=True)
             self.refitted[fit.causes] = best - second
