@@ -20,7 +20,7 @@ from .assembly import GROUND, Network
 STABLE = 2.5
 _NOTHING = 1e-9  # N.m
 _NEARLY = 1e-2  # relative step of Newton's method below which its derivatives are kept
-_POINTS = 80  # states whose rates are asked for in one call
+_POINTS = 16  # states whose rates are asked for in one call
 
 STATUS = {
     k.NOT_FINITE: "a state is no longer finite; look for a parameter far from its usual size, or "
