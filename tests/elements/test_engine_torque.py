@@ -55,6 +55,20 @@ def test_noise_is_seeded_held_over_its_period_and_of_its_standard_deviation():
     assert abs(np.corrcoef(held[1:, 0], held[:-1, 0])[0, 1]) < 4.0 / np.sqrt(1000.0)
 
 
+def test_noise_that_is_not_there_cuts_no_step_until_it_is():
+    """Steps that end on no multiple of its period are the same to the bit; tuned in a run it comes within one."""
+    periods = [plant("plant_fom", {**QUIET, "engine.noise_period": period}, engine_torque=40.0)
+               for period in (0.01, 1e-3)]
+    records = [run(model, 0.28, 7e-3) for model in periods]
+    assert all(np.array_equal(values, records[1][name]) for name, values in records[0].items())
+    shaken = []
+    for model in periods:
+        model["engine.torque_noise"] = 3.0
+        model.retune()
+        shaken.append(run(model, 0.28, 7e-3, start=0.28)["crankshaft_torque"])
+    assert np.ptp(shaken[0]) > 3.0 and not np.allclose(*shaken)
+
+
 def test_friction_opposes_the_rotation_and_vanishes_at_standstill():
     assert engine_friction(0.0, 30.0, 0.08) == 0.0
     for speed in (0.1, 7.0, 400.0):

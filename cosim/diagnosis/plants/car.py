@@ -31,7 +31,6 @@ LONGEST = 15.0  # a longer recording is cut [s]: start speed and grade are const
 RUNS = 6  # at most so many stretches of one long recording
 _IMPULSE = 0.1  # N.m.s: a gap in which less may have been lost is no more than the torque wanders by
 _GAPS = 6  # of a run that are estimated; a slow logger has one after the other, and each takes simulations
-_NEVER = 1e9  # s
 _FINE = 0.02  # s: how finely the gear, and whether clutch and brake let it be compared, are looked at in a drive
 # By how much the ratio of speeds may be off its gear's, by slip of tyres and clutch, and by how much that of all gears,
 # by what a vehicle file may have wrong; the closest gears are 8 % apart.
@@ -131,8 +130,6 @@ class LedPlant(FullOrderPlant):
         """The forces that lead it, and what an accelerometer needs; the test car has other sensors."""
         net.outputs = {name: terms for name, terms in net.outputs.items() if name in _COMPUTED}
         net.output("differential_speed", Term(k.SPEED, list(net.nodes).index("differential_case")))
-        if p.engine.torque_noise == 0.0:
-            net.settings[k.NOISE_PERIOD] = _NEVER  # where it ends it would cut a step in two
         for name in self.led:
             anchor = ANCHORS[name]
             node = list(net.nodes).index(anchor.node)
