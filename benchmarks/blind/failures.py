@@ -38,6 +38,8 @@ def line(result: Result) -> str:
         text += f"; {finding['unknown'].get('balance')} over {finding['unknown'].get('driving_variable')}"
     if (more := result.get("missed")) is not None:
         text += f"; a fit that begins at the truth is {abs(more):.1f} {'more' if more > 0.0 else 'less'} evident"
+    if (least := result.get("beside")) is not None:
+        text += f"; both are {abs(least):.1f} {'more' if least > 0.0 else 'less'} evident than one of them alone"
     if result["again"]:
         again = result["again"]
         after = again["error"] or f"{again['finding']['verdict']} {', '.join(listed(again['finding']))}"

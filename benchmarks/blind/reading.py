@@ -8,6 +8,7 @@
 - *confidently wrong*: ``cause`` as the verdict, what is named has 80 % or more together, and not all of it is there.
 - *as large as the recordings show*: the hidden effect, of a pair both, is beyond what ``would_show`` of the finding
   says would have been named. Where that is not known (effects that do nothing while small) a case counts for neither.
+  Of a pair that is not first both have to show beside each other as well: more evident than one alone (``beside``).
   One outside the catalogue takes as much evidence from a healthy car as names a cause (``visibility``).
 - errors of parameters are those of hidden ones whose effect is among the named: |found/true - 1| of a factor,
   |found - true|/|true| of a shift. Intervals are asked of every parameter of such an effect.
@@ -102,6 +103,8 @@ def visible(result: Result) -> bool | None:
         if not rows:
             return None
         beyond.append(any(is_shown(row, p.applied(size, row["nominal"])) for row, p, size in rows))
+    if (least := result.get("beside")) is not None:
+        beyond.append(least > 0.0)
     return all(beyond) if beyond else None
 
 

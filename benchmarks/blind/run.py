@@ -22,7 +22,7 @@ import cosim
 import driveline
 from benchmarks.blind.cases import BlindCase, top_gear
 from benchmarks.blind.reading import CATALOGUED, NOTHING, found_sizes, named, right_first
-from benchmarks.blind.visibility import missed, visibility
+from benchmarks.blind.visibility import beside, evident, missed, visibility
 from cosim.diagnosis.catalogue import CATALOGUE, apply_all
 from cosim.diagnosis.hidden import Hidden, hide
 from cosim.diagnosis.hidden.recordings import BACK, KINDS, usual
@@ -177,7 +177,8 @@ def examined(case: BlindCase, method: str = DIAGNOSE, code: str | None = None, s
         raise InputError("the code of a worker is not that of who started the run (edited meanwhile, or another "
                          "version on the cluster): start again, what is done with this code is kept")
     result = {**asdict(case), "code": fingerprint(), "truth": None, "finding": None, "error": None,
-              "seconds": None, "gain": None, "shuffle": None, "visibility": None, "missed": None, "again": None}
+              "seconds": None, "gain": None, "shuffle": None, "visibility": None, "missed": None, "beside": None,
+              "again": None}
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "measurement"
         try:
@@ -191,7 +192,10 @@ def examined(case: BlindCase, method: str = DIAGNOSE, code: str | None = None, s
                 result["visibility"] = _visibility(diagnosis, case, Path(folder) / "without")
             if (shows and case.category in CATALOGUED and diagnosis.identification is not None
                     and not right_first(result)):
-                result["missed"] = missed(diagnosis, hidden.effects)
+                true = evident(diagnosis, hidden.effects)
+                result["missed"] = missed(diagnosis, true)
+                if case.category == "pair":
+                    result["beside"] = beside(diagnosis, hidden.effects, true)
         except Exception as error:
             result["error"] = f"{type(error).__name__}: {error}\n{traceback.format_exc(limit=-4)}"
             return result

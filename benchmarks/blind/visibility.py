@@ -5,7 +5,8 @@ loggers. A healthy car is fitted to either; the log evidence that it lacks where
 shows. What the diagnosis found lacks less of it; what still is lacking nothing that was found imitates.
 
 Effects of the catalogue that were not found are fitted from the truth. What gets there by more than the search did was
-missed by the search; what does not, these recordings do not show.
+missed by the search; what does not, these recordings do not show. Two that were hidden show beside each other where
+both are more evident than either.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ from cosim.diagnosis.fit.fitting import Fit, Fitter
 from cosim.diagnosis.fit.predict import Coordinate, Predictor, coordinates, effect_of
 from cosim.diagnosis.plants import Run
 from cosim.diagnosis.search.scan import key
+
+Sizes = Mapping[str, Mapping[str, float]]  # effect to the sizes of its parameters
 
 
 def visibility(diagnosis: Any, without: Iterable[Run]) -> dict[str, float]:
@@ -49,16 +52,15 @@ def visibility(diagnosis: Any, without: Iterable[Run]) -> dict[str, float]:
             "found": best - there.assess(replace(found.best), noise).score}
 
 
-def missed(diagnosis: Any, sizes: Mapping[str, Mapping[str, float]]) -> float | None:
-    """By how much fits that begin at the truth are more evident than the best the search had [log evidence].
+def evident(diagnosis: Any, sizes: Sizes) -> float | None:
+    """How evident what is true is: the better of two fits that begin there [log evidence].
 
     Args:
         diagnosis: Of the case.
-        sizes: What was hidden: effect to the sizes of its parameters.
+        sizes: What was hidden, or a part of it.
 
     Returns:
-        Negative where what is true is less evident than what was found; None where no recording could show it, or the
-        diagnosis's model cannot be simulated with it.
+        None where no recording could show it, or the diagnosis's model cannot be simulated with it.
     """
     found = diagnosis.identification
     point, causes = _there(found.coordinates, sizes)
@@ -70,12 +72,46 @@ def missed(diagnosis: Any, sizes: Mapping[str, Mapping[str, float]]) -> float | 
     except ArithmeticError:
         return None
     ways = fitter.refine(start, found.noise, 3), fitter.cooled(start, found.noise)
-    ends = [fitter.settle(fitter.assess(fit, found.noise), found.noise).score for fit in ways]
-    return max(ends) - max(fit.score for fit in found.alternatives)
+    return max(fitter.settle(fitter.assess(fit, found.noise), found.noise).score for fit in ways)
 
 
-def _there(declared: Sequence[Coordinate],
-           sizes: Mapping[str, Mapping[str, float]]) -> tuple[np.ndarray, tuple[str, ...]]:
+def missed(diagnosis: Any, true: float | None) -> float | None:
+    """By how much what is true is more evident than the best the search had [log evidence]; negative where it is less.
+
+    Args:
+        diagnosis: Of the case.
+        true: As ``evident`` says.
+    """
+    return None if true is None else true - max(fit.score for fit in diagnosis.identification.alternatives)
+
+
+def beside(diagnosis: Any, sizes: Sizes, true: float | None) -> float | None:
+    """How much the effect that shows least shows beside the others that were hidden [log evidence].
+
+    Each may show alone, and not beside another that does the same, or makes up for it.
+
+    Args:
+        diagnosis: Of the case.
+        sizes: What was hidden, two effects at least.
+        true: All of it, as ``evident`` says.
+
+    Returns:
+        All over what is true but for one effect, each as the better of a fit that begins at the truth and of what the
+        search had; not above 0 where the recordings do not show all. None as ``evident``.
+    """
+    parts = [{name: of for name, of in sizes.items() if name != gone} for gone in sizes]
+    whole, *reached = (_best(diagnosis, of, score) for of, score in
+                       ((sizes, true), *((part, evident(diagnosis, part)) for part in parts)))
+    return None if whole is None or None in reached else whole - max(reached)
+
+
+def _best(diagnosis: Any, sizes: Sizes, true: float | None) -> float | None:
+    """The highest of what is true and of what the search had of these effects [log evidence]; None where neither is."""
+    had = [fit.score for fit in diagnosis.identification.alternatives if set(fit.effects) == set(sizes)]
+    return max([*had, *([] if true is None else [true])], default=None)
+
+
+def _there(declared: Sequence[Coordinate], sizes: Sizes) -> tuple[np.ndarray, tuple[str, ...]]:
     """Coordinates with these sizes and nothing else, and which causes that are; swings at no phase of their own."""
     point, causes = np.zeros(len(declared)), []
     for i, c in enumerate(declared):

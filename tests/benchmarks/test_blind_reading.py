@@ -63,7 +63,9 @@ WOULD_SHOW = [{"effect": "engine_inertia", "parameter": "engine_inertia", "nomin
                                                    (1.05, -8.0, False)])
 def test_both_of_a_pair_have_to_be_as_large_as_the_recordings_show(inertia, offset, seen):
     truth = {"engine_inertia": {"engine_inertia": inertia}, "torque_meter_offset": {"torque_meter_offset": offset}}
-    assert reading.visible(result("pair", finding("none") | {"would_show": WOULD_SHOW}, truth)) is seen
+    told = finding("none") | {"would_show": WOULD_SHOW}
+    assert reading.visible(result("pair", told, truth)) is seen
+    assert [reading.visible(result("pair", told, truth, beside=least)) for least in (0.4, -0.4)] == [seen, False]
 
 
 @pytest.mark.parametrize("effect, name, size, seen", [

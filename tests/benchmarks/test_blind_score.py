@@ -119,4 +119,6 @@ def test_what_was_not_found_is_told_from_what_is_not_to_be_found():
     given = [result("single", finding("none"), SINGLE[0], **more) for more in ({"missed": 7.3}, {"missed": -2.0}, {})]
     assert rows(given)["single and pair, not first", "fits that begin at the truth more evident"].here == 0.5
     assert [text.count("begins at the truth") for text in map(failures.line, given)] == [1, 1, 0]
+    both = result("pair", finding("none"), {**SINGLE[0], **SINGLE[1]}, beside=-0.6)
+    assert "both are 0.6 less evident than one of them alone" in failures.line(both)
     assert "7.3 more evident" in failures.line(given[0]) and "2.0 less evident" in failures.line(given[1])
