@@ -280,13 +280,10 @@ class Search:
         start = self.fitter.placed(fit, causes, shared, points)
         return start and self.fitter.assess(self.fitter.relinearise(start), self.pool.noise)
 
-    def _from_file(self, start: Fit) -> Fit:
-        """Fitted from the vehicle file with its causes in it."""
-        return self.pool.brought_near(self.fitter.cooled(start, self.pool.noise))
-
-    def _anew(self, start: Fit) -> Fit:
-        """As ``_from_file``, and settled by everything."""
-        return self.pool.settled(self.fitter.cooled(start, self.pool.noise))
+    def _from_file(self, start: Fit, everything: bool = False) -> Fit:
+        """Fitted from the vehicle file with its causes in it, by everything or as ``brought_near``."""
+        cooled = self.fitter.cooled(start, self.pool.noise)
+        return self.pool.settled(cooled) if everything else self.pool.brought_near(cooled)
 
     def _swapped(self, leader: Fit) -> bool:
         """Whether there was still something to put in place of a cause of the leader: scanned beside its others.
@@ -310,7 +307,7 @@ class Search:
         there = [self._in_place(leader, *swap)[0] for causes, swap in swaps.items() if causes not in self.instead]
         self.instead.update(swaps)
         starts = [anew for start in there if start and (anew := self._in_file(start, start.causes))]
-        self.pool.enter(self.predictor.at_once([partial(self._anew, start) for start in starts]))
+        self.pool.enter(self.predictor.at_once([partial(self._from_file, start, everything=True) for start in starts]))
         return bool(starts)
 
     def _needed(self, leader: Fit) -> Fit:
@@ -353,7 +350,7 @@ class Search:
             anew = self._in_file(fit, fit.causes) if fit.causes else self.file
             ways = [partial(self.pool.settled, elsewhere)]
             if anew is not None:
-                ways.append(partial(self._anew, anew))
+                ways.append(partial(self._from_file, anew, everything=True))
             ends = self.predictor.at_once(ways)
             best, second, *_ = sorted((end.score for end in (fit, *ends)), reverse=True)
             self.refitted[fit.causes] = best - second
