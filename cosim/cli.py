@@ -75,7 +75,7 @@ def _say(message: object, code: int) -> int:
 def _parser() -> argparse.ArgumentParser:
     common = argparse.ArgumentParser(add_help=False)
     common.add_argument("--json", action="store_true", help="print the result as JSON, and nothing else")
-    common.add_argument("--quiet", action="store_true", help="say only what is wrong")
+    common.add_argument("--quiet", action="store_true", help="no progress, only the result and what is wrong")
     common.add_argument("--debug", action="store_true", help="show where an unexpected error comes from")
     parser = argparse.ArgumentParser(
         prog="driveline", description="Driveline plants and estimators as FMUs, simulated together.")
