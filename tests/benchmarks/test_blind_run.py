@@ -12,8 +12,10 @@ from benchmarks.blind import __main__ as command
 from benchmarks.blind import run as blind
 from benchmarks.blind.cases import ANY, CARS, CATEGORIES, THROUGH_LASH, BlindCase, cases, wanted
 from cosim.diagnosis.catalogue import CATALOGUE
-from cosim.diagnosis.hidden import VEHICLE, highest_gear, sizes_of, usual_variant
+from cosim.diagnosis.hidden import COCKTAIL, VEHICLE, hide, highest_gear, sizes_of, usual_variant
 from cosim.diagnosis.hidden.recordings import KINDS, asked
+from cosim.diagnosis.plants import plant_for
+from cosim.measured import load
 from driveline import vehicles
 from driveline.quantities import InputError
 
@@ -228,3 +230,13 @@ def test_no_workers_and_no_results_are_refused(tmp_path):
         blind.run([BlindCase("null-0", "null", (), 1, "same")], tmp_path, workers=0, method=FAKE)
     with pytest.raises(InputError, match="run the cases first"):
         blind.read(tmp_path / "nothing.jsonl")
+
+
+def test_of_the_own_case_of_the_thesis_the_shuffle_is_that_of_the_file_as_found_and_the_true_one(tmp_path):
+    hidden = hide([COCKTAIL], 3, tmp_path / "m", structure="same", drift="none", manoeuvres=["tip_in:5"])
+    car = plant_for(load(tmp_path / "m"))
+    sizes = {"verdict": "cause", "together": ["vehicle_mass"], "causes": [{"effect": "vehicle_mass", "parameters": {
+        "vehicle_mass": {"nominal": 2200.0, "value": 2534.0, "low90": 2500.0, "high90": 2570.0}}}]}
+    file, found, true = blind.shuffle(car, hidden, sizes)
+    assert (file, true) == pytest.approx((7.14, 5.88), rel=0.01)
+    assert true < found < file
