@@ -100,9 +100,11 @@ def beside(diagnosis: Any, sizes: Sizes, true: float | None) -> float | None:
         search had; not above 0 where the recordings do not show all. None as ``evident``.
     """
     parts = [{name: of for name, of in sizes.items() if name != gone} for gone in sizes]
-    whole, *reached = (_best(diagnosis, of, score) for of, score in
-                       ((sizes, true), *((part, evident(diagnosis, part)) for part in parts)))
-    return None if whole is None or None in reached else whole - max(reached)
+    reached = [_best(diagnosis, part, evident(diagnosis, part)) for part in parts]
+    whole = _best(diagnosis, sizes, true)
+    if whole is None or None in reached:
+        return None
+    return whole - max(reached)
 
 
 def _best(diagnosis: Any, sizes: Sizes, true: float | None) -> float | None:
