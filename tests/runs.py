@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from math import inf
 
 import numpy as np
 
@@ -138,7 +137,7 @@ class Bench(Plant):
         net.output("energy_stored", Term(k.STORED, 0))
         for name in ("energy_supplied", "energy_dissipated"):
             net.output(name, Term(k.LEVEL, net.place(name)))
-        net.settings = {k.SUBSTEP: self.substep, k.NOISE_PERIOD: inf}
+        net.settings = {k.SUBSTEP: self.substep}
         if "road_grade" in net.inputs:
             net.roles = {k.GRADE_INPUT: net.inputs.index("road_grade")}
         return net.build()

@@ -37,14 +37,19 @@ def line(result: Result) -> str:
     if finding.get("unknown"):
         text += f"; {finding['unknown'].get('balance')} over {finding['unknown'].get('driving_variable')}"
     if (more := result.get("missed")) is not None:
-        text += f"; a fit that begins at the truth is {abs(more):.1f} {'more' if more > 0.0 else 'less'} evident"
+        text += f"; a fit that begins at the truth is {_evident(more)}"
     if (least := result.get("beside")) is not None:
-        text += f"; both are {abs(least):.1f} {'more' if least > 0.0 else 'less'} evident than one of them alone"
+        text += f"; both are {_evident(least)} than one of them alone"
     if result["again"]:
         again = result["again"]
         after = again["error"] or f"{again['finding']['verdict']} {', '.join(listed(again['finding']))}"
         text += f"; with {again['manoeuvre']}: {after}"
     return f"{text} ({result['seconds']:.0f} s)"
+
+
+def _evident(lead: float) -> str:
+    """A lead in log evidence, in words."""
+    return f"{abs(lead):.1f} {'more' if lead > 0.0 else 'less'} evident"
 
 
 def _strength(effect: str, name: str, size: float) -> str:

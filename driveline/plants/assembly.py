@@ -9,6 +9,7 @@ here is physics or time stepping: laws are in ``elements``, stepping in ``kernel
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from math import inf
 
 import numpy as np
 
@@ -326,6 +327,7 @@ class Assembly:
         n = len(entries)
 
         active = [0.0] * k.CONSTANTS_HEAD
+        active[k.NOISE_PERIOD] = inf  # where a plant has no noise it cuts no step
         for place, value in self.settings.items():
             active[place] = value
         gear_rows: list[tuple[int, tuple[float, ...]]] = []

@@ -10,7 +10,6 @@ said of a vehicle's inertia, shaft or drag holds for theirs.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf
 
 import numpy as np
 
@@ -222,6 +221,6 @@ def _built(net: Assembly, delay: float, solver: Solver) -> Network:
     net.output("energy_stored", Term(k.STORED, 0))
     net.output("energy_supplied", Term(k.LEVEL, net.place("energy_supplied")))
     net.output("energy_dissipated", Term(k.LEVEL, net.place("energy_dissipated")))
-    net.settings |= {k.DELAY: delay, k.SUBSTEP: solver.maximum_substep, k.NOISE_PERIOD: inf}
+    net.settings |= {k.DELAY: delay, k.SUBSTEP: solver.maximum_substep}
     net.roles = {k.DELAYED_INPUT: 0}
     return net.build()

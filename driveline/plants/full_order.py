@@ -8,7 +8,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf
 
 import numpy as np
 
@@ -344,8 +343,9 @@ class FullOrderPlant(Plant):
         net.output("energy_stored", Term(k.STORED, 0))
         net.output("energy_supplied", Term(k.LEVEL, net.place("energy_supplied")))
         net.output("energy_dissipated", Term(k.LEVEL, net.place("energy_dissipated")))
-        net.settings |= {k.DELAY: e.air_delay, k.SUBSTEP: p.solver.maximum_substep,
-                         k.NOISE_PERIOD: e.noise_period if e.torque_noise else inf}
+        net.settings |= {k.DELAY: e.air_delay, k.SUBSTEP: p.solver.maximum_substep}
+        if e.torque_noise > 0.0:
+            net.settings[k.NOISE_PERIOD] = e.noise_period
         names = net.inputs
         net.roles = {k.GEAR_INPUT: names.index("gear"), k.DELAYED_INPUT: names.index("engine_torque"),
                      k.GRADE_INPUT: names.index("road_grade"), k.GEARSET_NODE: gearset,
