@@ -20,6 +20,7 @@ from typing import Any
 
 from cosim.diagnosis.judge.finding import (
     balances,
+    driven,
     either,
     goes_with_words,
     in_doubt,
@@ -329,8 +330,7 @@ def _summary(finding: dict[str, Any]) -> list[str]:
               f"({rival['separation_sigma']:.1f} sigma)"
               for rival in finding["ambiguous_with"]]
     if proposed := finding["next_manoeuvre"]:
-        gear = f" in gear {proposed['gear']}" if proposed["gear"] else ""  # a bench has none
-        lines.append(f"  drive next: {proposed['kind']}{gear}: {proposed['why']}")
+        lines.append(f"  drive next: {driven(proposed)}: {proposed['why']}")
     if gain := finding["gain"]:
         lines += [f"  {row['signal']}: error {100 * row['nrmse_before']:.2f} % before, "
                   f"{100 * row['nrmse_after']:.2f} % after, of the range" for row in gain["held_out"]]

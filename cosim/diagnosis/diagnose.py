@@ -135,6 +135,14 @@ def _reserve(runs: list[Run]) -> tuple[list[Run], list[Run]]:
     return [run for i, run in enumerate(runs) if i != chosen], [runs[chosen]]
 
 
+def _drives(recordings: int) -> dict[int, int]:
+    """How often a manoeuvre may be driven beside other recordings, and how many of it are fitted then (``_reserve``).
+
+    Driven once beside two it would take the place of one of these, which is kept back then.
+    """
+    return {2 if recordings == 2 else 1: 1, 3: 2, 4: 3}
+
+
 def _notices(measurement: Measurement, car: InstrumentedPlant, runs: list[Run], reserved: list[Run]) -> list[str]:
     """What the recordings cannot show, and how they are read."""
     notices = []
@@ -297,11 +305,12 @@ def _propose(diagnosis: Diagnosis, search: Search, found: Identification) -> Non
     rivals = [fit for fit, _ in rivals_of(found)[:_COMPARED]]
     if found.apart(found.healthy) < APART:
         rivals.append(found.healthy)
-    best = proposal.propose(search.fitter, found, rivals)
+    best = proposal.propose(search.fitter, found, rivals, _drives(len(diagnosis.runs) + len(diagnosis.reserved)))
     if best is not None:
         diagnosis.finding["next_manoeuvre"] = {
-            "kind": best.kind, "gear": best.gear, "back": best.back, "separation_sigma": best.separation_sigma,
-            "chance": best.chance, "why": proposal.words(best, found.best)}
+            "kind": best.kind, "gear": best.gear, "back": best.back, "times": best.times,
+            "separation_sigma": best.separation_sigma, "chance": best.chance,
+            "why": proposal.words(best, found.best)}
 
 
 def _write_vehicle(diagnosis: Diagnosis, values: dict[str, float], out: Path) -> dict[str, float]:

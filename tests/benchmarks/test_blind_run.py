@@ -204,6 +204,15 @@ def test_the_proposed_manoeuvre_goes_with_the_usual_ones_of_the_vehicle(monkeypa
     assert len(asked(entries, 6)) == len(entries) and "coast_down:6" in entries and entries[-1] == "ramp:3:back"
 
 
+def test_a_manoeuvre_is_driven_as_often_as_was_proposed(monkeypatch):
+    driven = []
+    monkeypatch.setattr(blind, "hide_case", lambda case, manoeuvres, path: driven.append(manoeuvres))
+    monkeypatch.setattr(blind, "_diagnosed", lambda path, method: (None, {}, 0.0))
+    [case] = cases({"single": 1}, manoeuvres=("tip_in:5",))
+    assert blind._again(case, {"kind": "ramp", "gear": 3, "times": 3}, FAKE)["manoeuvre"] == "ramp:3,ramp:3,ramp:3"
+    assert driven == [["tip_in:5", "ramp:3", "ramp:3", "ramp:3"]]
+
+
 def test_a_worker_with_other_code_is_refused():
     with pytest.raises(InputError, match="another version on the cluster"):
         blind.examined(short(ALL)[0], FAKE, "other code")

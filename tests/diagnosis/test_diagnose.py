@@ -14,7 +14,7 @@ from driveline.quantities import InputError
 @pytest.mark.parametrize(("kinds", "kept"), [
     ("tip_in tip_out", None), ("tip_in tip_in cruise", 0), ("tip_in cruise tip_in", 0), ("tip_in tip_out cruise", 0),
     ("tip_out cruise tip_in", 1), ("tip_in tip_in_back cruise", 0), ("bench bench bench", 1),
-    ("drive cruise drive", 1), ("? cruise ?", 1)])
+    ("tip_in ramp ramp ramp", 2), ("drive cruise drive", 1), ("? cruise ?", 1)])
 def test_one_of_three_recordings_is_kept_back_never_the_last(kinds, kept):
     """One that is repeated; of drives, and where nobody said what was driven, nothing is."""
     torques = {"cruise": [1.0, 1.1], "tip_in": [0.0, 2.0], "tip_out": [3.0, 0.0]}
@@ -26,6 +26,20 @@ def test_one_of_three_recordings_is_kept_back_never_the_last(kinds, kept):
     assert used == [run for run in runs if run not in reserved]
 
 
+@pytest.mark.parametrize("recordings", [1, 2, 3, 5])
+def test_of_what_is_driven_again_as_many_are_fitted_as_was_promised(recordings):
+    """And all recordings that were fitted before."""
+    def run(name, kind, torque):
+        return SimpleNamespace(name=name, kind=kind, gear=5, back=False, inputs=np.array([[0.0, torque]]).T)
+
+    before = [run(i, kind, 1.0 + i) for i, kind in enumerate(["tip_in", "tip_out", "ramp", "step", "tip_in"])]
+    used, _ = _reserve(before[:recordings])
+    for times, fitted in diagnose._drives(recordings).items():
+        again, _ = _reserve([*before[:recordings], *(run(-1, "sweep", 9.0) for _ in range(times))])
+        assert sum(r.kind == "sweep" for r in again) == fitted
+        assert {r.name for r in used} <= {r.name for r in again}
+
+
 def test_where_nothing_is_wrong_the_likeliest_that_is_not_excluded_is_looked_for(monkeypatch):
     """As if it were there: what it would have to be told from is nothing wrong, too."""
     def fit(score, *causes):
@@ -35,11 +49,12 @@ def test_where_nothing_is_wrong_the_likeliest_that_is_not_excluded_is_looked_for
     found = Identification(healthy, [healthy, drag, slope], healthy, None, [], [], {})
     asked = {}
 
-    def propose(fitter, found, rivals):
+    def propose(fitter, found, rivals, drives):
         asked.update(best=found.best, rivals=rivals, lead=found.lead(healthy))
 
     monkeypatch.setattr(diagnose.proposal, "propose", propose)
-    diagnose._propose(SimpleNamespace(finding={"next_manoeuvre": None}), SimpleNamespace(fitter=None), found)
+    given = SimpleNamespace(finding={"next_manoeuvre": None}, runs=[], reserved=[])
+    diagnose._propose(given, SimpleNamespace(fitter=None), found)
     assert asked["best"] is drag and asked["rivals"] == [slope, healthy] and asked["lead"] == -0.5
 
 

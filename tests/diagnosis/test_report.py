@@ -227,6 +227,8 @@ def test_beside_nothing_what_is_not_excluded_is_told_and_nowhere_else(base):
     assert "Nothing proven wrong Nothing is significantly wrong, but wheel speed delay is not excluded (38 %)" in said
     assert "What is not excluded wheel speed delay, 38 %" in said and "tip-in in gear 3" in said
     assert "nothing, or something else 59 %" in said and "It is in" not in said and "Why" not in said
+    given.finding["next_manoeuvre"] |= {"times": 3}
+    assert " ".join(words(render(given)).split()).count("What to drive next tip-in in gear 3, 3 times") == 2
 
 
 @pytest.mark.parametrize("below, above, said", [

@@ -90,6 +90,13 @@ def either(names: Sequence[str]) -> str:
     return " or ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
+def driven(proposed: Mapping[str, Any]) -> str:
+    """The manoeuvre to drive next, in words; a bench has no gear, and nothing is driven again there."""
+    gear = f" in gear {proposed['gear']}" if proposed["gear"] else ""
+    times = proposed.get("times", 1)
+    return proposed["kind"] + gear + f", {times} times" * (times > 1)
+
+
 def goes_with_words(unknown: Mapping[str, Any]) -> str:
     """What the torque or force of an unknown effect goes with, in words."""
     variable = unknown["driving_variable"]

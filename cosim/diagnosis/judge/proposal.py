@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import itertools
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -41,6 +42,7 @@ _ENGINE_SPEED = 150.0  # rad/s at the start
 # a healthy plant of another structure left three times as much as it should, with 0.36 and 0.32 what it should.
 _GRIP = 0.4
 _UNSURE = 2.0  # sigma by which what was promised of a dozen blind cases and what came of it differed
+_EACH = 0.05  # by how much every further time that a manoeuvre is driven has to raise the chance (a judgement)
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,8 @@ class Proposal:
         kind, gear, torque, speed: What to drive; its highest torque [N.m], below zero on the overrun; speed at the
             start [m/s].
         back: Whether on the same road the other way, where its slope has the other sign.
+        times: How often.
+        fitted: How many of these recordings are fitted; what is kept back measures the gain.
         apart: If the likeliest is true, how far every other is from it then [sigma], judged as the recordings are, with
             those there are; the nearest first.
         chance: That whichever is true stands alone then.
@@ -61,6 +65,8 @@ class Proposal:
     torque: float
     speed: float
     back: bool
+    times: int
+    fitted: int
     apart: tuple[tuple[float, Fit], ...]
     chance: float
 
@@ -69,9 +75,15 @@ class Proposal:
         """How far the nearest is from the likeliest then, if that is true."""
         return max(self.apart[0][0], 0.0)
 
+    @property
+    def worth(self) -> float:
+        """The chance, less what driving takes."""
+        return self.chance - _EACH * (self.times - 1)
 
-def propose(fitter: Fitter, found: Identification, rivals: Sequence[Fit]) -> Proposal | None:
-    """The candidate after which whichever is true most probably stands alone.
+
+def propose(fitter: Fitter, found: Identification, rivals: Sequence[Fit],
+            drives: Mapping[int, int]) -> Proposal | None:
+    """The candidate after which whichever is true most probably stands alone; several times where that is worth it.
 
     Each is simulated as the likeliest says, with derivatives by all that may differ, and judged as a recording is that
     shows what one or the other would do: what healthy cars differ by, and other sizes of the others' causes, imitate
@@ -81,6 +93,7 @@ def propose(fitter: Fitter, found: Identification, rivals: Sequence[Fit]) -> Pro
         fitter: Of the recordings; their first has the channels that can be recorded.
         found: What is likeliest by them.
         rivals: What cannot be told from it.
+        drives: How often it may be driven, and how many of these recordings would be fitted.
 
     Returns:
         None where no candidate can be driven.
@@ -105,14 +118,16 @@ def propose(fitter: Fitter, found: Identification, rivals: Sequence[Fit]) -> Pro
                 unseen = _unseen(predictor, noise, run, one, wide)
             except (ArithmeticError, InputError):
                 continue
-            for back, signs in ways.items():
-                apart = _apart(evidence, signs[:, None] * square * signs, shared, fits, now, found.temper)
+            for (back, signs), (times, fitted) in itertools.product(ways.items(), drives.items()):
+                told = fitted * signs[:, None] * square * signs
+                apart = _apart(evidence, told, shared, fits, now, found.temper)
                 apart[0] = np.minimum(apart[0], unseen)
-                chance = _chance(apart, fits, likely)
-                if best is None or chance > best.chance:
-                    others = sorted(zip(apart[0, 1:].tolist(), rivals), key=lambda pair: pair[0])
-                    highest = torque * max(share for _, share in corners)
-                    best = Proposal(kind, gear, highest, speed, back, tuple(others), chance)
+                others = sorted(zip(apart[0, 1:].tolist(), rivals), key=lambda pair: pair[0])
+                highest = torque * max(share for _, share in corners)
+                candidate = Proposal(kind, gear, highest, speed, back, times, fitted, tuple(others),
+                                    _chance(apart, fits, likely))
+                if best is None or candidate.worth > best.worth:
+                    best = candidate
     return best
 
 
@@ -271,6 +286,8 @@ def words(proposal: Proposal, one: Fit) -> str:
         return " with ".join(CATALOGUE[e].name.replace("_", " ") for e in effects) or "nothing wrong"
 
     way = ", on the same road the other way (back = true)" * proposal.back
+    way += f", {proposal.times} times" * (proposal.times > 1)
+    way += ", once to measure the gain on" * (proposal.fitted < proposal.times)
     others = ", ".join(f"{max(sigma, 0.0):.1f} sigma from {name(fit.effects)}" for sigma, fit in proposal.apart)
     to = "to" if proposal.torque > 0.0 else "at"
     found = (f"{to} {proposal.torque:.0f} N.m from {3.6 * proposal.speed:.0f} km/h{way}: {name(one.effects)}, if it is "

@@ -15,6 +15,7 @@ from cosim.diagnosis.effect import Effect, Values
 from cosim.diagnosis.judge.finding import (
     balances,
     believed,
+    driven,
     either,
     goes_with_words,
     in_doubt,
@@ -73,11 +74,10 @@ def _unknown(unknown: Mapping[str, Any] | None) -> dict[str, Any] | None:
 
 
 def _next(proposed: Mapping[str, Any] | None) -> dict[str, Any] | None:
-    """What to drive next, in words; a bench has no gear, and nothing is driven the other way there."""
+    """What to drive next, in words."""
     if not proposed:
         return None
-    gear = f" in gear {proposed['gear']}" if proposed["gear"] else ""
-    return {"what": proposed["kind"].replace("_", "-") + gear, "back": proposed.get("back", False),
+    return {"what": driven(proposed).replace("_", "-"), "back": proposed.get("back", False),
             "why": words(proposed["why"])}
 
 

@@ -15,6 +15,8 @@ from cosim.diagnosis.plants import FullOrderCar
 from cosim.diagnosis.search.identify import APART, LACKING
 from cosim.measured import load
 
+ONCE = {1: 1}  # a manoeuvre is driven, and fitted
+
 
 def tip_in(folder, *effects):
     """The begin of a tip-in: the fitter, the vehicle file as it is, and the noise."""
@@ -40,11 +42,12 @@ def supposed(healthy, cause, value):
     return replace(fit, causes=(cause,), shared=shared)
 
 
-def propose(healthy, one, rivals, monkeypatch, gears=(5,), kinds=("tip_in",)):
+def propose(healthy, one, rivals, monkeypatch, gears=(5,), kinds=("tip_in",), drives=ONCE):
     """By recordings that say nothing of the one or the other."""
     fitter, _, noise = healthy
     monkeypatch.setattr(proposal, "_PROFILES", {kind: (gears, *proposal._PROFILES[kind][1:]) for kind in kinds})
-    return proposal.propose(fitter, SimpleNamespace(best=one, noise=noise, lead=lambda fit: 0.0, temper=2.0), rivals)
+    return proposal.propose(fitter, SimpleNamespace(best=one, noise=noise, lead=lambda fit: 0.0, temper=2.0), rivals,
+                            drives)
 
 
 def test_a_supposition_is_not_apart_from_itself(healthy, monkeypatch):
@@ -107,6 +110,24 @@ def test_the_manoeuvre_after_which_one_most_probably_stands_alone_is_proposed(he
     assert best == max(each, key=lambda found: found.chance) and best.chance < 1.0
     distances = [sigma for sigma, _ in best.apart]
     assert distances == sorted(distances) and {id(fit) for _, fit in best.apart} == {id(fit) for fit in fits[1:]}
+
+
+def test_what_once_hardly_tells_is_driven_several_times(healthy, monkeypatch):
+    """Where that makes it surer; once where it is clear, or hopeless however often."""
+    def found(inertia, stiffness, drives):
+        one = supposed(healthy, "engine_inertia", inertia)
+        rival = supposed(healthy, "shaft_stiffness:axle_shaft_stiffness", stiffness)
+        return propose(healthy, one, [rival], monkeypatch, drives=drives), one
+
+    often = {**ONCE, 3: 2, 4: 3}
+    clear, one = found(0.6, -0.6, often)
+    assert clear.times == 1 and "times" not in proposal.words(clear, one)
+    same = supposed(healthy, "vehicle_mass", 0.1)
+    assert propose(healthy, same, [replace(same)], monkeypatch, drives=often).times == 1
+    faint, one = found(0.15, -0.15, often)
+    assert faint.times > 1 and f"{faint.times} times, once to measure the gain on" in proposal.words(faint, one)
+    once, _ = found(0.15, -0.15, ONCE)
+    assert faint.separation_sigma > once.separation_sigma and faint.worth > once.worth == once.chance
 
 
 def test_to_be_healthy_is_a_rival_but_nothing_that_a_recording_would_show(healthy, monkeypatch):
