@@ -286,8 +286,7 @@ def words(proposal: Proposal, one: Fit) -> str:
         return " with ".join(CATALOGUE[e].name.replace("_", " ") for e in effects) or "nothing wrong"
 
     way = ", on the same road the other way (back = true)" * proposal.back
-    way += f", {proposal.times} times" * (proposal.times > 1)
-    way += ", once to measure the gain on" * (proposal.fitted < proposal.times)
+    way += ", one of them to measure the gain on" * (proposal.fitted < proposal.times)
     others = ", ".join(f"{max(sigma, 0.0):.1f} sigma from {name(fit.effects)}" for sigma, fit in proposal.apart)
     to = "to" if proposal.torque > 0.0 else "at"
     found = (f"{to} {proposal.torque:.0f} N.m from {3.6 * proposal.speed:.0f} km/h{way}: {name(one.effects)}, if it is "
