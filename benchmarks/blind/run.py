@@ -243,16 +243,17 @@ def _again(case: BlindCase, proposed: Mapping[str, Any] | None, method: str) -> 
         return {"manoeuvre": None, "finding": None, "error": "no manoeuvre was proposed"}
     entry = f"{proposed['kind']}:{proposed['gear']}" + f":{BACK}" * bool(proposed.get("back"))
     entries = [entry] * proposed.get("times", 1)
+    driven = ",".join(entries)
     if proposed["kind"] not in KINDS:
-        return {"manoeuvre": entry, "finding": None, "error": f"{proposed['kind']} is none of {', '.join(KINDS)}"}
+        return {"manoeuvre": driven, "finding": None, "error": f"{proposed['kind']} is none of {', '.join(KINDS)}"}
     before = case.manoeuvres or usual(top_gear(case.vehicle))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "measurement"
         try:
             hide_case(case, [*before, *entries], path)
-            return {"manoeuvre": ",".join(entries), "finding": _diagnosed(path, method)[1], "error": None}
+            return {"manoeuvre": driven, "finding": _diagnosed(path, method)[1], "error": None}
         except Exception as error:
-            return {"manoeuvre": ",".join(entries), "finding": None, "error": f"{type(error).__name__}: {error}"}
+            return {"manoeuvre": driven, "finding": None, "error": f"{type(error).__name__}: {error}"}
 
 
 # -- what the true model would do -----------------------------------------------------------------
