@@ -58,16 +58,23 @@ class Posterior:
     """Belief about the shared coordinates: a Gaussian, of which bounds may cut off the middle.
 
     Attributes:
-        best, covariance: Where it is highest within the bounds, and what it would be without them.
+        best: Where it is highest within the bounds.
         log_evidence: Of the data, up to what all suppositions share.
         least: Minus twice the log posterior density where it is highest, by the linearised runs; what
             ``Fitter.cost`` is by simulation.
+        spread, factor: Prior standard deviations, and the lower Cholesky factor of all information in units of these.
     """
 
     best: np.ndarray
-    covariance: np.ndarray
     log_evidence: float
     least: float
+    spread: np.ndarray
+    factor: np.ndarray
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """What it would be without bounds."""
+        return self.spread[:, None] * cho_solve((self.factor, True), np.eye(self.spread.size)) * self.spread
 
 
 class Layout:
@@ -227,8 +234,7 @@ class Evidence:
         best = within(factor, highest, low / spread, high / spread)
         least = length - float((spread * product) @ highest) + float(np.sum((factor.T @ (best - highest)) ** 2))
         log_evidence = -0.5 * (least + log_determinant) - float(np.sum(np.log(np.diag(factor))))
-        covariance = spread[:, None] * cho_solve((factor, True), np.eye(spread.size)) * spread
-        return Posterior(spread * best, covariance, log_evidence, least)
+        return Posterior(spread * best, log_evidence, least, spread, factor)
 
     def foretold(self, spread: np.ndarray) -> np.ndarray:
         """Log evidence of each of several runs, given all others."""
