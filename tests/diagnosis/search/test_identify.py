@@ -295,6 +295,24 @@ def test_what_pushes_like_a_cause_of_the_leader_is_fitted_as_well_as_the_leader(
     assert search.pool.fits[right.causes].score == pytest.approx(right.score, abs=2.0)
 
 
+def test_what_a_healthy_car_has_too_much_of_is_fitted_as_a_cause():
+    """Where it is a part of what is hidden; once, and not where healthy cars have as much."""
+    search, result = found({"size": 0.3})
+    [i] = search.predictor.index("size")
+    healthy, tolerance = result.healthy, search.coordinates[i].tolerance
+
+    def car(sigma):
+        there = sigma * tolerance * np.eye(len(healthy.shared))[i]
+        return search.fitter.placed(healthy, (), there, [there.copy() for _ in healthy.points])
+
+    del search.pool.fits["size",]
+    search.strained.clear()
+    assert not search._freed(car(2.0)) and ("size",) not in search.pool.fits
+    assert search._freed(car(-3.0)) and not search._freed(car(3.0))
+    again = search.pool.fits["size",]
+    assert again.settled and again.score == pytest.approx(result.best.score, abs=1.0)
+
+
 def test_causes_that_do_the_same_are_together_more_likely_than_each():
     search, result = found({})
     none = result.healthy
