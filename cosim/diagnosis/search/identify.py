@@ -319,8 +319,11 @@ class Search:
 
         It may be a part of what is there, with much else bent to make up for the rest: a healthy car with tyres of 1.18
         times their stiffness, where they had 2.07, was 64 units of log evidence behind these. From there derivatives
-        lead back; from the vehicle file, with nothing but that part in it, by everything, they do not.
+        lead back; from the vehicle file, with nothing but that part in it, by everything, they do not. Where nothing
+        explains a recording all is bent, which says as little of one cause as of another.
         """
+        if self.pool.doubtful:
+            return False
         more = [c.cause for c, x in zip(self.coordinates, leader.shared)
                 if c.cause in self.causes and c.run is None and abs(x) > _STRAINED * c.tolerance]
         fresh = {key((*leader.causes, cause)) for cause in more if cause not in leader.causes} - self.strained

@@ -296,7 +296,7 @@ def test_what_pushes_like_a_cause_of_the_leader_is_fitted_as_well_as_the_leader(
 
 
 def test_what_a_healthy_car_has_too_much_of_is_fitted_as_a_cause():
-    """Where it is a part of what is hidden; once, and not where healthy cars have as much."""
+    """Where it is a part of what is hidden; once, and not where healthy cars have as much, or nothing is explained."""
     search, result = found({"size": 0.3})
     [i] = search.predictor.index("size")
     healthy, tolerance = result.healthy, search.coordinates[i].tolerance
@@ -311,6 +311,9 @@ def test_what_a_healthy_car_has_too_much_of_is_fitted_as_a_cause():
     assert search._freed(car(-3.0)) and not search._freed(car(3.0))
     again = search.pool.fits["size",]
     assert again.settled and again.score == pytest.approx(result.best.score, abs=1.0)
+    search.strained.clear()
+    search.pool.noise = search.pool.plain.tempered(np.array([1.0, *[2.0] * (len(healthy.points) - 1)]))
+    assert not search._freed(car(3.0))
 
 
 def test_causes_that_do_the_same_are_together_more_likely_than_each():
