@@ -310,9 +310,7 @@ class Search:
                  if cause not in leader.causes and push_alike([effect_of(gone)], [effect_of(cause)])}
         there = [self._in_place(leader, *swap)[0] for causes, swap in swaps.items() if causes not in self.instead]
         self.instead.update(swaps)
-        starts = [anew for start in there if start and (anew := self._in_file(start, start.causes))]
-        self.pool.enter(self.predictor.at_once([partial(self._from_file, start, everything=True) for start in starts]))
-        return bool(starts)
+        return self._fitted_anew([start for start in there if start])
 
     def _freed(self, leader: Fit) -> bool:
         """Whether what the leader has more of than healthy cars do had yet to be fitted as a cause, as large as it is.
@@ -328,9 +326,13 @@ class Search:
                 if c.cause in self.causes and c.run is None and abs(x) > _STRAINED * c.tolerance]
         fresh = {key((*leader.causes, cause)) for cause in more if cause not in leader.causes} - self.strained
         self.strained.update(fresh)
-        starts = [start for causes in sorted(fresh) if (start := self._in_file(leader, causes))]
-        self.pool.enter(self.predictor.at_once([partial(self._from_file, start, everything=True) for start in starts]))
-        return bool(starts)
+        return self._fitted_anew([renamed(leader, causes) for causes in sorted(fresh)])
+
+    def _fitted_anew(self, starts: Iterable[Fit]) -> bool:
+        """Whether any could be fitted from the vehicle file with its causes as they are, by everything."""
+        anew = [there for start in starts if (there := self._in_file(start, start.causes))]
+        self.pool.enter(self.predictor.at_once([partial(self._from_file, fit, everything=True) for fit in anew]))
+        return bool(anew)
 
     def _needed(self, leader: Fit) -> Fit:
         """The fewest of a leader's causes, one at least, with which a supposition cannot be told from it.
