@@ -47,7 +47,7 @@ def parse(text: str) -> pint.Unit:
     spelled = spelled.replace("°C", "degC").replace("°", "deg")
     spelled = re.sub(r"(?<=[A-Za-z0-9)])\.(?=[A-Za-z(])", "*", spelled)
     spelled = re.sub(r"([A-Za-z])\^?(-?\d+)", r"\1**\2", spelled)
-    spelled = re.sub(r"\b(rev\b|r(?=/(min|s)\b))", "turn", spelled)
+    spelled = re.sub(r"\b(rev\b|[rU](?=/(min|s)\b))", "turn", spelled)
     try:
         unit = registry().parse_units(spelled)
     except Exception as error:  # pint raises a dozen kinds, tokenizer errors among them

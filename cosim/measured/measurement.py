@@ -36,6 +36,9 @@ _KEYS = {
 }
 # A jump back by more [s] is not jitter of a logger, nor are so many samples in a row that all are late.
 _CLOCK_RESTARTED, _MANY = 1.0, 4
+# What a unit means on an instrument of that kind, by the unit of the signal and as written: tachometers count
+# revolutions, accelerometers weights. A speed of rotation in 1/s may be either, and is refused.
+_MEANT = {("rad/s", "1/min"): "rpm", ("m/s2", "g"): "g_0"}
 _SAME_INSTANT = 1e-6  # s: by how much instants of one clock differ that was written twice
 
 
@@ -295,10 +298,13 @@ def _channel(name: str, entry: Mapping[str, Any], clock: Mapping[str, Any], tabl
 
 def _in_si(values: np.ndarray, name: str, unit: str, entry: Mapping[str, Any], where: str) -> np.ndarray:
     """The numbers of a column in the unit of a canonical signal; ``factor`` of ``entry`` comes before ``unit``."""
+    wanted = CANONICAL[name].unit
     try:
-        factor, offset = units.conversion(unit, CANONICAL[name].unit)
+        meant = next((meant for (of, written), meant in _MEANT.items()
+                      if of == wanted and units.parse(written) == units.parse(unit)), unit)
+        factor, offset = units.conversion(meant, wanted)
     except InputError as error:
-        raise InputError(f"{where}: {name} is measured in {CANONICAL[name].unit}: {error}") from error
+        raise InputError(f"{where}: {name} is measured in {wanted}: {error}") from error
     return factor * (units.in_unit(entry.get("factor", 1.0), "", f"{where}.factor") * values) + offset
 
 

@@ -10,7 +10,7 @@ import gzip
 import io
 import re
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -20,6 +20,7 @@ from cosim.messages import did_you_mean
 from driveline.quantities import InputError
 
 _HEADER = re.compile(r"\s*(.*?)\s*(?:\[\s*([^\[\]]*?)\s*\])?\s*$", re.DOTALL)
+_BLANK = ("", "na", "null", "none", "-")  # in small letters
 
 
 @dataclass(frozen=True)
@@ -81,26 +82,31 @@ def read_table(path: Path) -> DataTable:
 def _read_csv(path: Path) -> DataTable:
     import polars
 
-    contents = _unpacked(path)
     try:
-        with io.TextIOWrapper(io.BytesIO(contents), encoding="utf-8-sig", newline="") as text:
-            first = text.readline()
-            separator = ";" if first.count(";") > first.count(",") else "\t" if "\t" in first else ","
-            text.seek(0)
-            header = next((row for row in csv.reader(text, delimiter=separator) if row), [])
+        contents = _decoded(_unpacked(path))
+        text = io.StringIO(contents, newline="")
+        first = text.readline()
+        separator = ";" if first.count(";") > first.count(",") else "\t" if "\t" in first else ","
+        text.seek(0)
+        header = next((row for row in csv.reader(text, delimiter=separator) if row), [])
         # as text first: whether a column holds numbers matters only for those that are asked for;
         # from memory: in the name of a file polars takes brackets and stars for a pattern of several
-        frame = polars.read_csv(contents, separator=separator, infer_schema=False)
+        frame = polars.read_csv(contents.encode(), separator=separator, infer_schema=False)
     except polars.exceptions.NoDataError as error:
         raise InputError(f"{path} is empty: a header and rows of numbers are needed") from error
     except (UnicodeDecodeError, csv.Error, polars.exceptions.PolarsError) as error:
         raise InputError(f"{path} is not a readable CSV file: {str(error).splitlines()[0]}") from error
+    named = _units_row(frame.row(0)) if frame.height else None
+    if named is not None:
+        frame = frame[1:]
     if frame.height == 0:
         raise InputError(f"{path} has a header but no rows")
+    above = 1 if named is None else 2  # lines
     places: dict[str, list[int]] = {}  # by name; logs often hold a column twice that nobody needs
     units = {}
     for place, written in enumerate(header):
-        name, units[place] = _HEADER.match(written).groups()
+        name, unit = _HEADER.match(written).groups()
+        units[place] = unit or named and named[place]
         places.setdefault(name, []).append(place)
 
     def read(name: str) -> Column:
@@ -112,15 +118,49 @@ def _read_csv(path: Path) -> DataTable:
         text = frame.to_series(place).str.strip_chars()
         if separator == ";":
             text = text.str.replace(",", ".", literal=True)
-        text = text.set(text.str.to_lowercase().is_in(["", "na", "null", "none", "-"]), None)
+        text = text.set(text.str.to_lowercase().is_in(list(_BLANK)), None)
         numbers = text.cast(polars.Float64, strict=False)
         wrong = (numbers.is_null() & text.is_not_null()).arg_true()
         if wrong.len():
             raise InputError(
-                f"{path}, line {wrong[0] + 2}, column '{name}': {text[wrong[0]]!r} is not a number")
+                f"{path}, line {wrong[0] + 1 + above}, column '{name}': {text[wrong[0]]!r} is not a number")
         return Column(numbers.fill_null(np.nan).to_numpy().astype(np.float64), units[place])
 
     return DataTable(path, list(places), read)
+
+
+def _units_row(cells: Sequence[str | None]) -> list[str | None] | None:
+    """The units in a row below the header, in brackets or not; None where there is a number in it, or nothing.
+
+    Args:
+        cells: Of the first row.
+    """
+    texts = ["" if (text := (cell or "").strip()).lower() in _BLANK else text for cell in cells]
+    if not any(texts) or any(map(_is_number, texts)):
+        return None
+    return [text.strip("[]() ") or None for text in texts]
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text.replace(",", "."))
+    except ValueError:
+        return False
+    return True
+
+
+def _decoded(contents: bytes) -> str:
+    """Text as UTF-8, or as programs on Windows have written it, where that is possible.
+
+    Raises:
+        UnicodeDecodeError: It is neither, so no text.
+    """
+    try:
+        return contents.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        if b"\0" in contents:
+            raise
+        return contents.decode("cp1252")
 
 
 def _unpacked(path: Path) -> bytes:

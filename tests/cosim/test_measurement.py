@@ -90,6 +90,55 @@ def test_semicolons_and_decimal_commas(tmp_path):
     assert load(tmp_path / "a.csv").manoeuvres[0]["force"].values.tolist() == [1.5, 2.5]
 
 
+@pytest.mark.parametrize("row", ["ms,1/min,N,-", "[ms],(1/min),[N],[-]", " ms, 1/min ,,"])
+def test_units_may_stand_in_a_row_of_their_own(tmp_path, row):
+    (tmp_path / "a.csv").write_text(f"time,motor_speed,force [kN],state\n{row}\n500,60,1,on\n1000,120,2,off\n")
+    manoeuvre = load(tmp_path / "a.csv").manoeuvres[0]
+    assert manoeuvre["motor_speed"].time == pytest.approx([0.5, 1.0])
+    assert manoeuvre["motor_speed"].values == pytest.approx([2 * np.pi, 4 * np.pi])
+    assert manoeuvre["force"].values == pytest.approx([1000.0, 2000.0])  # what stands beside the name counts
+
+
+@pytest.mark.parametrize(("name", "unit", "factor"), [
+    *(("engine_speed", unit, np.pi / 30) for unit in ("1/min", "min-1", "min^-1", "U/min", "rpm")),
+    ("seat_acceleration", "g", 9.80665), ("seat_acceleration", "m/s²", 1.0)])
+def test_a_unit_means_what_it_does_on_such_an_instrument(tmp_path, name, unit, factor):
+    (tmp_path / "a.csv").write_text(f"time,{name} [{unit}]\n0,1\n1,2\n")
+    assert load(tmp_path / "a.csv").manoeuvres[0][name].values == pytest.approx([factor, 2.0 * factor])
+
+
+@pytest.mark.parametrize(("name", "unit"), [("engine_speed", "1/s"), ("engine_speed", "Hz"), ("force", "1/min"),
+                                            ("force", "g")])
+def test_a_unit_that_may_mean_something_else_is_refused(tmp_path, name, unit):
+    (tmp_path / "a.csv").write_text(f"time,{name} [{unit}]\n0,60\n1,120\n")
+    with pytest.raises(InputError, match="cannot be converted"):
+        load(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize("row", ["na,,-", "nan,NaN,NA"])
+def test_a_row_of_nothing_has_no_units(tmp_path, row):
+    (tmp_path / "a.csv").write_text(f"time [ms],force,position\n{row}\n0,1,2\n500,3,4\n")
+    assert load(tmp_path / "a.csv").manoeuvres[0]["force"].time.tolist() == [0.0, 0.5]
+
+
+def test_lines_are_counted_as_an_editor_does_also_below_units(tmp_path):
+    (tmp_path / "a.csv").write_text("time,force\ns,N\n0,1\n1,two\n")
+    with pytest.raises(InputError, match="line 4, column 'force': 'two' is not a number"):
+        load(tmp_path / "a.csv")
+    (tmp_path / "a.csv").write_text("time,force\ns,N\n")
+    with pytest.raises(InputError, match="has a header but no rows"):
+        load(tmp_path / "a.csv")
+    (tmp_path / "a.csv").write_text("time,force\ns,parsec\n0,1\n")
+    with pytest.raises(InputError, match="force is measured in N"):
+        load(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "cp1252"])
+def test_letters_beyond_ascii_as_programs_on_windows_write_them(tmp_path, encoding):
+    (tmp_path / "a.csv").write_bytes("time [s];force [N];Öltemperatur [°C]\n0;1,5;80\n".encode(encoding))
+    assert load(tmp_path / "a.csv").manoeuvres[0]["force"].values.tolist() == [1.5]
+
+
 def test_gaps_are_found(tmp_path):
     times = np.concatenate([np.arange(100), np.arange(150, 200)]) * 0.01
     (tmp_path / "a.csv").write_text("time,force\n" + "".join(f"{t:.2f},1\n" for t in times))
@@ -244,6 +293,10 @@ def test_what_is_missing_is_named(tmp_path):
     (tmp_path / "odd.csv").write_text("time,speed\n0,1\n")
     with pytest.raises(InputError, match="no column bears a canonical name.*there are time, speed"):
         load(tmp_path / "odd.csv")
+    for contents in (b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR", b"time,\x81\n0,1\n"):
+        (tmp_path / "bad.csv").write_bytes(contents)
+        with pytest.raises(InputError, match="not a readable CSV"):
+            load(tmp_path / "bad.csv")
     (tmp_path / "bad.csv.gz").write_text("no gzip")
     with pytest.raises(InputError, match="not a readable CSV"):
         load(tmp_path / "bad.csv.gz")

@@ -17,7 +17,8 @@ from driveline.quantities import InputError
     ("kg.m2", "kg*m^2", 1.0),
     ("%", "1", 0.01), ("s-1", "Hz", 1.0), ("g_0", "m/s2", 9.80665), ("N.m.s/rad", "N.m/(rad/s)", 1.0),
     ("mrad", "rad", 1e-3), ("rad/s2", "rad/s2", 1.0), ("rev", "rad", 2 * math.pi), ("rev/min", "rpm", 1.0),
-    ("r/min", "rad/s", math.pi / 30), ("N.m/rev", "N.m/rad", 0.5 / math.pi), ("urad", "rad", 1e-6)])
+    ("r/min", "rad/s", math.pi / 30), ("U/min", "rad/s", math.pi / 30),
+    ("N.m/rev", "N.m/rad", 0.5 / math.pi), ("urad", "rad", 1e-6)])
 def test_factor(source, target, factor):
     assert units.conversion(source, target) == (pytest.approx(factor, rel=1e-15), 0.0)
 
