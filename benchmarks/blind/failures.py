@@ -36,15 +36,22 @@ def line(result: Result) -> str:
         text += f"; left over {left['log_evidence']:.0f} {left['place']}"
     if finding.get("unknown"):
         text += f"; {finding['unknown'].get('balance')} over {finding['unknown'].get('driving_variable')}"
-    if (more := result.get("missed")) is not None:
-        text += f"; a fit that begins at the truth is {_evident(more)}"
-    if (least := result.get("beside")) is not None:
-        text += f"; both are {_evident(least)} than one of them alone"
+    text += _unfound(result)
     if result["again"]:
         again = result["again"]
         after = again["error"] or f"{again['finding']['verdict']} {', '.join(listed(again['finding']))}"
-        text += f"; with {again['manoeuvre']}: {after}"
+        text += f"; with {again['manoeuvre']}: {after}{_unfound(again)}"
     return f"{text} ({result['seconds']:.0f} s)"
+
+
+def _unfound(told: Result) -> str:
+    """What a search missed, and of two how much shows beside the other, where that was asked."""
+    text = ""
+    if (more := told.get("missed")) is not None:
+        text += f"; a fit that begins at the truth is {_evident(more)}"
+    if (least := told.get("beside")) is not None:
+        text += f"; both are {_evident(least)} than one of them alone"
+    return text
 
 
 def _evident(lead: float) -> str:

@@ -190,17 +190,13 @@ def examined(case: BlindCase, method: str = DIAGNOSE, code: str | None = None, s
                 result["shuffle"] = shuffle(diagnosis.car, hidden, result["finding"])
             if shows and case.category == "outside" and diagnosis.identification is not None:
                 result["visibility"] = _visibility(diagnosis, case, Path(folder) / "without")
-            if (shows and case.category in CATALOGUED and diagnosis.identification is not None
-                    and not right_first(result)):
-                true = evident(diagnosis, hidden.effects)
-                result["missed"] = missed(diagnosis, true)
-                if case.category == "pair":
-                    result["beside"] = beside(diagnosis, hidden.effects, true)
+            if shows:
+                result |= _unfound(case, hidden, diagnosis, result["finding"])
         except Exception as error:
             result["error"] = f"{type(error).__name__}: {error}\n{traceback.format_exc(limit=-4)}"
             return result
     if result["finding"]["ambiguous_with"] and case.category in (*CATALOGUED, *NOTHING):
-        result["again"] = _again(case, result["finding"].get("next_manoeuvre"), method)
+        result["again"] = _again(case, result["finding"].get("next_manoeuvre"), method, shows)
     return result
 
 
@@ -237,8 +233,18 @@ def truth(hidden: Hidden) -> dict[str, Any]:
     return {key: told[key] for key in ("effects", "outside", "changed", "structure")}
 
 
-def _again(case: BlindCase, proposed: Mapping[str, Any] | None, method: str) -> dict[str, Any]:
-    """The same truth once more, with the manoeuvre that was proposed beside the others."""
+def _unfound(case: BlindCase, hidden: Hidden, diagnosis: Any, finding: Mapping[str, Any]) -> dict[str, float | None]:
+    """What the search ``missed``, and of two how much shows ``beside`` the other, where what is hidden is not first."""
+    asked = {"truth": truth(hidden), "finding": finding}
+    if case.category not in CATALOGUED or diagnosis.identification is None or right_first(asked):
+        return {}
+    true = evident(diagnosis, hidden.effects)
+    told = {"missed": missed(diagnosis, true)}
+    return told if case.category == "single" else {**told, "beside": beside(diagnosis, hidden.effects, true)}
+
+
+def _again(case: BlindCase, proposed: Mapping[str, Any] | None, method: str, shows: bool = False) -> dict[str, Any]:
+    """The same truth once more, with what was proposed beside the other manoeuvres; ``shows`` as in ``examined``."""
     if proposed is None:
         return {"manoeuvre": None, "finding": None, "error": "no manoeuvre was proposed"}
     entry = f"{proposed['kind']}:{proposed['gear']}" + f":{BACK}" * bool(proposed.get("back"))
@@ -250,8 +256,10 @@ def _again(case: BlindCase, proposed: Mapping[str, Any] | None, method: str) -> 
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "measurement"
         try:
-            hide_case(case, [*before, *entries], path)
-            return {"manoeuvre": driven, "finding": _diagnosed(path, method)[1], "error": None}
+            hidden = hide_case(case, [*before, *entries], path)
+            diagnosis, finding, _ = _diagnosed(path, method)
+            told = _unfound(case, hidden, diagnosis, finding) if shows else {}
+            return {"manoeuvre": driven, "finding": finding, "error": None, **told}
         except Exception as error:
             return {"manoeuvre": driven, "finding": None, "error": f"{type(error).__name__}: {error}"}
 

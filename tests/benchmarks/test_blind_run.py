@@ -3,6 +3,7 @@
 import json
 import resource
 from dataclasses import replace
+from types import SimpleNamespace
 
 import fake_diagnosis
 import numpy as np
@@ -211,6 +212,26 @@ def test_a_manoeuvre_is_driven_as_often_as_was_proposed(monkeypatch):
     [case] = cases({"single": 1}, manoeuvres=("tip_in:5",))
     assert blind._again(case, {"kind": "ramp", "gear": 3, "times": 3}, FAKE)["manoeuvre"] == "ramp:3,ramp:3,ramp:3"
     assert driven == [["tip_in:5", "ramp:3", "ramp:3", "ramp:3"]]
+
+
+@pytest.mark.parametrize(("name", "asked"), [("single", ["missed"]), ("pair", ["beside", "missed"]), ("null", [])])
+@pytest.mark.parametrize("driven_again", [False, True])
+def test_what_was_not_found_is_fitted_from_the_truth_also_where_it_was_driven_again(monkeypatch, name, asked,
+                                                                                    driven_again):
+    [case] = cases({name: 1}, manoeuvres=("tip_in:5",))
+    hidden = {effect.partition("=")[0]: {} for effect in case.effects}
+    nothing = {"verdict": "none", "causes": [], "ambiguous_with": []}
+    monkeypatch.setattr(blind, "hide_case", lambda *_: SimpleNamespace(effects=hidden))
+    monkeypatch.setattr(blind, "truth", lambda hidden: {"effects": hidden.effects})
+    monkeypatch.setattr(blind, "_diagnosed", lambda *_: (SimpleNamespace(identification=1), {**nothing}, 0.0))
+    monkeypatch.setattr(blind, "_ideal", lambda *_: None)
+    monkeypatch.setattr(blind, "evident", lambda *_: 1.0)
+    monkeypatch.setattr(blind, "missed", lambda *_: 2.0)
+    monkeypatch.setattr(blind, "beside", lambda *_: 3.0)
+    told = (blind._again(case, {"kind": "ramp", "gear": 3}, FAKE, shows=True) if driven_again
+            else blind.examined(case, FAKE))
+    assert told["error"] is None
+    assert sorted(key for key in ("missed", "beside") if told.get(key)) == asked
 
 
 def test_a_worker_with_other_code_is_refused():

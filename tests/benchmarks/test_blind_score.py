@@ -122,3 +122,6 @@ def test_what_was_not_found_is_told_from_what_is_not_to_be_found():
     both = result("pair", finding("none"), {**SINGLE[0], **SINGLE[1]}, beside=-0.6)
     assert "both are 0.6 less evident than one of them alone" in failures.line(both)
     assert "7.3 more evident" in failures.line(given[0]) and "2.0 less evident" in failures.line(given[1])
+    again = {"manoeuvre": "ramp:3", "finding": finding("none"), "error": None, "missed": 8.4}
+    driven = failures.line(result("single", finding("ambiguous"), SINGLE[0], missed=-2.0, again=again))
+    assert driven.index("2.0 less evident") < driven.index("with ramp:3: none") < driven.index("8.4 more evident")
