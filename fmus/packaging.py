@@ -28,6 +28,7 @@ from driveline.model import Model
 from driveline.models import SHIPPED_GEAR, SHIPPED_VARIANT, SHIPPED_VEHICLE
 from driveline.quantities import InputError
 
+from . import loader
 from .model_description import as_bytes, generation_time, model_description
 from .shell import MODEL_FILE
 
@@ -46,6 +47,10 @@ FMUS = {
 # the part of pythonfmu that a slave needs; its own __init__ would import the whole builder
 _PYTHONFMU_FILES = ("_version", "default_experiment", "enums", "fmi2slave", "logmsg", "variables")
 _IMPORT = re.compile(rb"^(\s*(?:from|import)\s+)(driveline|fmus|pythonfmu)\b", re.MULTILINE)
+_NEEDS = """
+Runs in Python: one with numpy has to be installed where the FMU runs. A host that is no Python gets, on Linux, that of
+the program python3 on PATH or of what FMU_PYTHON names; on Windows python3.dll has to be on PATH.
+"""
 # PythonFMU 0.7 runs a slave script once more at every load and then gives back one reference to its
 # namespace too many: after some loads the process would die. Lend one for each.
 _LEND_NAMESPACE = b'\nglobals().setdefault("_lent", []).append(globals())\n'
@@ -114,12 +119,14 @@ def released_once(library: bytes) -> bytes:
 
 
 def _binaries(identifier: str) -> dict[str, bytes]:
+    """PythonFMU's libraries; on Linux behind one that brings Python where the host has none."""
     folder = Path(pythonfmu.__file__).parent / "resources" / "binaries"
-    return {
-        f"binaries/{path.parent.name}/{identifier}{path.suffix}":
-            released_once(path.read_bytes()) if path.parent.name == "linux64" else path.read_bytes()
+    files = {
+        f"binaries/{path.parent.name}/{identifier}{path.suffix}": path.read_bytes()
         for path in sorted(folder.rglob("*")) if path.suffix in (".so", ".dll", ".dylib")
     }
+    linux = f"binaries/linux64/{identifier}.so"
+    return {**files, linux: loader.library(), f"binaries/linux64/{loader.BEHIND}": released_once(files[linux])}
 
 
 def _documentation(folder: Path, identifier: str, name: str) -> dict[str, bytes]:
@@ -127,7 +134,7 @@ def _documentation(folder: Path, identifier: str, name: str) -> dict[str, bytes]
     files = {f"documentation/{path.name}": path.read_bytes() for path in folder.glob(f"{name}_reference.csv")}
     readme = folder / "README.md"
     if readme.exists():
-        text = html.escape(readme.read_text(encoding="utf-8"))
+        text = html.escape(readme.read_text(encoding="utf-8") + _NEEDS)
         page = ('<!DOCTYPE html>\n<html lang="en">\n'
                 f'<head><meta charset="utf-8"><title>{identifier}</title></head>\n'
                 f'<body><pre>{text}</pre></body>\n</html>\n')
@@ -203,6 +210,7 @@ def write_fmu(destination: Path, model: Model, slave: Path, *, payload: Path = D
 
     Raises:
         InputError: The name is not an identifier, or a variable cannot be declared in FMI 2.0.
+        driveline.kernels.native.Unavailable: What hosts load on Linux cannot be compiled here.
     """
     destination = Path(destination)
     if not re.fullmatch(r"[A-Za-z_]\w*", destination.stem, re.ASCII) or destination.suffix != ".fmu":

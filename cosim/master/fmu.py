@@ -10,6 +10,7 @@ import atexit
 import ctypes
 import hashlib
 import logging
+import sys
 import tempfile
 import weakref
 import zipfile
@@ -60,8 +61,12 @@ def extracted(path: Path) -> tuple[Path, str]:
 
 
 def _pythonfmu_finds(folder: Path) -> bool:
-    """Whether PythonFMU 0.7, which of the escapes in a URI knows that of the blank alone, gets its path."""
-    return "%" not in folder.absolute().as_uri().replace("%20", " ")
+    """Whether PythonFMU 0.7, which of the escapes in a URI knows that of the blank alone, gets its path.
+
+    On Linux the library before it in FMUs of this project undoes the others.
+    """
+    undone = sys.platform == "linux" and (folder / "binaries" / "linux64" / "pythonfmu.so").is_file()
+    return undone or "%" not in folder.absolute().as_uri().replace("%20", " ")
 
 
 class FmuParticipant:

@@ -73,9 +73,7 @@ def build(targets: Iterable[str], out: Path | str) -> list[Path]:
     out = Path(out)
     out.mkdir(parents=True, exist_ok=True)
     log.info("compiling the kernels for %s", ", ".join(targets))
-    environment = {k: v for k, v in os.environ.items() if not k.startswith("NUMBA_")}
-    environment |= compiler.ENVIRONMENT
-    environment.setdefault("ZIG_GLOBAL_CACHE_DIR", str(_cache() / "zig"))
+    environment = {k: v for k, v in compiling().items() if not k.startswith("NUMBA_")} | compiler.ENVIRONMENT
     root = PACKAGE.parent
     with tempfile.TemporaryDirectory(dir=out, prefix=".build-") as scratch:
         request = {"targets": targets, "out": scratch, "modules": declared.KERNEL_MODULES,
@@ -108,7 +106,7 @@ def libraries() -> dict[str, Path]:
         Unavailable: They cannot be built.
     """
     _need_tools()
-    folder = _cache() / "kernels" / _fingerprint()
+    folder = cache_folder() / "kernels" / _fingerprint()
     paths = {name: folder / target["file"] for name, target in TARGETS.items()}
     missing = [name for name, path in paths.items() if not _is_whole(path)]
     if missing:
@@ -128,13 +126,19 @@ def library() -> Path:
     return libraries()[machine]
 
 
+def compiling() -> dict[str, str]:
+    """The environment in which ziglang compiles, with what it keeps in the cache."""
+    return {"ZIG_GLOBAL_CACHE_DIR": str(cache_folder() / "zig"), **os.environ}
+
+
 def _need_tools() -> None:
     for tool in ("numba", "ziglang"):
         if importlib.util.find_spec(tool) is None:
             raise Unavailable(f"{tool} is not installed")
 
 
-def _cache() -> Path:
+def cache_folder() -> Path:
+    """Where what was compiled is kept: ``DRIVELINE_CACHE``, or the user's cache."""
     if "DRIVELINE_CACHE" in os.environ:
         return Path(os.environ["DRIVELINE_CACHE"])
     import platformdirs

@@ -14,6 +14,7 @@ from fmpy.validation import validate_fmu
 from lxml import etree
 
 from driveline.quantities import InputError
+from fmus.loader import BEHIND
 from fmus.packaging import FMUS, HERE, build, released_once, write_fmu
 
 
@@ -155,7 +156,7 @@ def test_the_state_of_the_linux_library_is_released_once(toy):
     """One instruction differs from PythonFMU's: the function that releases it again returns at once."""
     theirs = (Path(pythonfmu.__file__).parent / "resources/binaries/linux64/libpythonfmu-export.so").read_bytes()
     with zipfile.ZipFile(toy.fmu) as archive:
-        ours = archive.read("binaries/linux64/toy.so")
+        ours = archive.read(f"binaries/linux64/{BEHIND}")
     assert len(ours) == len(theirs)
     (changed,) = [at for at, pair in enumerate(zip(theirs, ours)) if pair[0] != pair[1]]
     assert ours[changed] == 0xC3  # ret
@@ -164,7 +165,7 @@ def test_the_state_of_the_linux_library_is_released_once(toy):
 
 def test_another_linux_library_is_refused(toy):
     with zipfile.ZipFile(toy.fmu) as archive:
-        library = archive.read("binaries/linux64/toy.so")
+        library = archive.read(f"binaries/linux64/{BEHIND}")
     with pytest.raises(InputError, match="not the one of 0.7"):
         released_once(library.replace(b"finalizePythonInterpreter", b"finalizeAnotherThing_____"))
 

@@ -32,7 +32,7 @@ def toy(cache: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """The toy's entry points in place of the package's."""
     monkeypatch.syspath_prepend(HERE)
     monkeypatch.setattr(backend, "KERNEL_MODULES", ("toy_kernels",))
-    monkeypatch.setenv("ZIG_GLOBAL_CACHE_DIR", str(native._cache() / "zig"))  # the C library, built once
+    monkeypatch.setenv("ZIG_GLOBAL_CACHE_DIR", str(native.cache_folder() / "zig"))  # the C library, built once
     monkeypatch.setenv("DRIVELINE_CACHE", str(cache))
     native._loaded.cache_clear()
     yield
