@@ -163,6 +163,7 @@ class Search:
         self.refitted: dict[tuple[str, ...], float] = {}
         self.instead: set[tuple[str, ...]] = set()
         self.strained: set[tuple[str, ...]] = set()
+        self.probed: set[tuple[str, ...]] = set()
 
     def run(self) -> Identification:
         """Every cause alone, and what follows from there; two at once where that leaves a recording unexplained."""
@@ -199,8 +200,9 @@ class Search:
                 self.pool.settle(leader)
             elif leader.causes != self.pool.judged:
                 self.pool.judge_by(leader)
-            elif not (self._challenged(leader) or self._swapped(needed) or self._pushed_alike(leader)
-                      or self._freed(leader) or self._rivals_settled(leader) or self._once_more(leader)):
+            elif not (self._challenged(leader) or self._probed(leader) or self._swapped(needed)
+                      or self._pushed_alike(leader) or self._freed(leader) or self._rivals_settled(leader)
+                      or self._once_more(leader)):
                 break
 
     def part(self, fit: Fit, causes: tuple[str, ...]) -> Fit:
@@ -233,6 +235,24 @@ class Search:
         self.say("; ".join(f"{'+'.join(fit.causes) or 'healthy'} {fit.score - leader.score:+.0f}"
                            for fit in self.pool.worthy()[:4]))
         return self.challenge(leader)
+
+    def _probed(self, leader: Fit) -> bool:
+        """Whether a cause of which derivatives say nothing promised more than the leader where it has a size, and was
+        fitted from there; once for the same leader.
+
+        A scan begins where nothing else is fitted, and may hide it behind what a fit of that removes. Beside the
+        leader, which removed it, one simulation at its size says more.
+        """
+        if leader.causes in self.probed:
+            return False
+        self.probed.add(leader.causes)
+        probes = self.scan.probes(leader, self.scan.silent(self.causes), ())
+        at_once, noise = self.predictor.at_once, self.pool.noise
+        points = at_once([partial(self.fitter.assess, probe, noise) for probe in probes])
+        promising = [fit for fit in best_of_each(points, 1) if fit.hope > leader.score]
+        self.pool.enter(at_once([lambda fit=fit: self.pool.brought_near(self.fitter.relinearise(fit, everything=False))
+                                 for fit in promising]))
+        return bool(promising)
 
     def _two_at_once(self) -> None:
         """Every cause beside each of those that explain most in the vehicle file, at the size that does.

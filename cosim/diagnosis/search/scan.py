@@ -75,6 +75,10 @@ class Scan:
             placing += [partial(self._placed, best, cause, changes) for changes in tries]
         return [start for start in self.predictor.at_once(placing) if start is not None]
 
+    def silent(self, causes: Iterable[str]) -> list[str]:
+        """Those of some causes that do nothing while they are small, so that derivatives say nothing of them."""
+        return [cause for cause in causes if any(self.coordinates[i].parameter.probes for i in self._sizes_of(cause))]
+
     def sized(self, start: Fit, probe: Fit, noise: Noise) -> Fit:
         """A probe at the size that explains most, before everything else is fitted to a size that is not right.
 

@@ -316,6 +316,24 @@ def test_what_a_healthy_car_has_too_much_of_is_fitted_as_a_cause():
     assert not search._freed(car(3.0))
 
 
+def test_what_does_nothing_while_small_is_tried_at_a_size_beside_a_leader():
+    """Its derivatives say nothing, and where nothing else is fitted a scan does not show it. Once for a leader."""
+    search = Search(WithStages({"size": 0.3}, stage=0.42, width=0.21), lambda text: None)
+    best = search.run().best
+    assert best.causes == ("size", "stages") and search.scan.silent(["phase", "size", "stages"]) == ["stages"]
+    leader = search.pool.settle(replace(search.pool.fits["size",], near=False, settled=False))
+    del search.pool.fits[best.causes]
+    search.probed.clear()
+    assert search._probed(leader) and not search._probed(leader)
+    again = search.pool.fits[best.causes]
+    assert again.near and again.score == pytest.approx(best.score, abs=1.0)
+    search = Search(WithStages({"size": 0.3}), lambda text: None)
+    best = search.run().best
+    fitted = set(search.pool.fits)
+    search.probed.clear()
+    assert not search._probed(best) and set(search.pool.fits) == fitted  # it promises nothing
+
+
 def test_causes_that_do_the_same_are_together_more_likely_than_each():
     search, result = found({})
     none = result.healthy
