@@ -5,19 +5,21 @@ it. This one loads without. When the first instance is asked for it looks for a 
 program `python3` on PATH, or what FMU_PYTHON names, for its shared library and its modules and starts that; all calls
 then go to PythonFMU's library beside this one. Where there is no Python the instance is refused, and the log says why.
 
-A Python that is started here leaves the host its signals and its environment, and lives as long as the process.
+A Python that is started here leaves the host its signals and its environment, and lives as long as the process. The
+first instances of a process have to be made one after the other, as hosts do.
 */
 
 #define _GNU_SOURCE
 #include <ctype.h>
 #include <dlfcn.h>
+#include <limits.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #define BEHIND "pythonfmu.so"
-#define MOST 65536
+#define MOST 65536 /* letters of a line that is read */
 
 typedef void *(*Instantiate)(const char *, int, const char *, const char *, const void *, int, int);
 typedef struct { /* fmi2CallbackFunctions, as far as it is used */
@@ -159,7 +161,7 @@ static const char *ensure_python(void) {
 
 /* Load PythonFMU's library, which lies beside this one. Returns why not, NULL where it is there. */
 static const char *load(void) {
-    static char path[MOST];
+    static char path[PATH_MAX];
     const char *why = ensure_python();
     if (why) return why;
     Dl_info here;
@@ -191,7 +193,7 @@ __attribute__((visibility("default"))) void *fmi2Instantiate(
         int logging) {
     const Callbacks *host = functions;
     const char *why = library ? NULL : load();
-    char folder[MOST];
+    char folder[PATH_MAX];
     unescape(resources ? resources : "", folder, sizeof folder);
     if (!why) return instantiate(instance, kind, guid, folder, functions, visible, logging);
     fprintf(stderr, "%s: %s\n", instance ? instance : "FMU", why);
