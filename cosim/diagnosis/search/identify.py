@@ -241,15 +241,17 @@ class Search:
         fitted from there; once for the same leader.
 
         A scan begins where nothing else is fitted, and may hide it behind what a fit of that removes. Beside the
-        leader, which removed it, one simulation at its size says more.
+        leader, which removed it, one simulation at a size says more; of what comes near it the size is looked for.
         """
         if leader.causes in self.probed:
             return False
         self.probed.add(leader.causes)
-        probes = self.scan.probes(leader, self.scan.silent(self.causes), ())
         at_once, noise = self.predictor.at_once, self.pool.noise
-        points = at_once([partial(self.fitter.assess, probe, noise) for probe in probes])
-        promising = [fit for fit in best_of_each(points, 1) if fit.hope > leader.score]
+        probes = self.scan.probes(leader, self.scan.silent(self.causes), ())
+        near = [fit for fit in best_of_each(at_once([partial(self.fitter.assess, probe, noise) for probe in probes]), 1)
+                if fit.hope > leader.score - _AS_MANY]
+        sized = at_once([partial(self.scan.sized, leader, fit, noise) for fit in near])
+        promising = [fit for fit in sized if fit.hope > leader.score]
         self.pool.enter(at_once([lambda fit=fit: self.pool.brought_near(self.fitter.relinearise(fit, everything=False))
                                  for fit in promising]))
         return bool(promising)
