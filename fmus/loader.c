@@ -18,7 +18,7 @@ first instances of a process have to be made one after the other, as hosts do.
 #include <stdlib.h>
 #include <string.h>
 
-#define BEHIND "pythonfmu.so"
+#define BEHIND "libpythonfmu-export.so"
 #define MOST 65536 /* letters of a line that is read */
 
 typedef void *(*Instantiate)(const char *, int, const char *, const char *, const void *, int, int);

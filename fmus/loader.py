@@ -12,7 +12,8 @@ from pathlib import Path
 
 from driveline.kernels import native
 
-BEHIND = "pythonfmu.so"  # PythonFMU's own library, beside this one; loader.c knows it by this name
+# PythonFMU's own library beside this one, by its own name, which with its hyphen is that of no FMU; loader.c knows it.
+BEHIND = "libpythonfmu-export.so"
 _SOURCE = Path(__file__).with_name("loader.c")
 _COMMAND = ("cc", "-target", "x86_64-linux-gnu.2.17", "-O2", "-s", "-shared", "-fPIC", "-fvisibility=hidden", "-Wall",
             "-Wextra", "-Werror")

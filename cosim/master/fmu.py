@@ -65,7 +65,7 @@ def _pythonfmu_finds(folder: Path) -> bool:
 
     On Linux the library before it in FMUs of this project undoes the others.
     """
-    undone = sys.platform == "linux" and (folder / "binaries" / "linux64" / "pythonfmu.so").is_file()
+    undone = sys.platform == "linux" and (folder / "binaries" / "linux64" / "libpythonfmu-export.so").is_file()
     return undone or "%" not in folder.absolute().as_uri().replace("%20", " ")
 
 

@@ -452,7 +452,7 @@ def test_one_that_would_end_the_process_is_refused(fmus, tmp_path, monkeypatch, 
     """For an FMU as PythonFMU itself writes it."""
     with zipfile.ZipFile(fmus / "lag.fmu") as ours, zipfile.ZipFile(tmp_path / "lag.fmu", "w") as plain:
         for path in ours.namelist():
-            if path != "binaries/linux64/pythonfmu.so":
+            if path != "binaries/linux64/libpythonfmu-export.so":
                 plain.writestr(path, ours.read(path))
     in_temporary_folder(name, tmp_path, monkeypatch)
     with pytest.raises(InputError, match="set TMPDIR"):
