@@ -195,6 +195,7 @@ __attribute__((visibility("default"))) void *fmi2Instantiate(
     const char *why = library ? NULL : load();
     char folder[PATH_MAX];
     unescape(resources ? resources : "", folder, sizeof folder);
+    if (!why && strstr(folder, "%20")) why = "this FMU lies in a path with %20 in it, where PythonFMU finds nothing";
     if (!why) return instantiate(instance, kind, guid, folder, functions, visible, logging);
     fprintf(stderr, "%s: %s\n", instance ? instance : "FMU", why);
     if (host && host->log) host->log(host->environment, instance, ERROR, "logStatusError", "%s", why);

@@ -66,7 +66,7 @@ def _pythonfmu_finds(folder: Path) -> bool:
     On Linux the library before it in FMUs of this project undoes the others.
     """
     undone = sys.platform == "linux" and (folder / "binaries" / "linux64" / "libpythonfmu-export.so").is_file()
-    return undone or "%" not in folder.absolute().as_uri().replace("%20", " ")
+    return "%20" not in str(folder) if undone else "%" not in folder.absolute().as_uri().replace("%20", " ")
 
 
 class FmuParticipant:

@@ -457,3 +457,10 @@ def test_one_that_would_end_the_process_is_refused(fmus, tmp_path, monkeypatch, 
     in_temporary_folder(name, tmp_path, monkeypatch)
     with pytest.raises(InputError, match="set TMPDIR"):
         Master(step=0.1).add("a", tmp_path / "lag.fmu").run(stop=0.1)
+
+
+def test_one_that_is_taken_for_another_is_refused(fmus, tmp_path, monkeypatch):
+    """An escape in the name itself."""
+    in_temporary_folder("a%20b", tmp_path, monkeypatch)
+    with pytest.raises(InputError, match="set TMPDIR"):
+        Master(step=0.1).add("a", fmus / "lag.fmu").run(stop=0.1)

@@ -85,6 +85,13 @@ def test_python3_on_the_path_is_taken_where_none_is_named(program, places, tmp_p
     assert told.returncode == 0, told.stdout + told.stderr
 
 
+@needs_library
+def test_a_path_that_pythonfmu_takes_for_another_is_refused(program, fmus, tmp_path):
+    fmpy.extract(str(fmus["plant_fom"]), str(tmp_path / "a%20b"))
+    told = hosted(program, [tmp_path / "a%20b"], FMU_PYTHON=sys.executable)
+    assert told.returncode == 1 and "a path with %20 in it" in told.stdout
+
+
 def answering(folder, *lines):
     """A program that answers every question with these lines."""
     program = folder / "python3"
