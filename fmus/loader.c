@@ -28,7 +28,7 @@ typedef struct { /* fmi2CallbackFunctions, as far as it is used */
 } Callbacks;
 enum { ERROR = 3 };
 
-/* The functions that go straight through, in the order of their places in `behind`. */
+/* The functions that go straight through. */
 #define FUNCTIONS(X) \
     X(fmi2FreeInstance) X(fmi2SetDebugLogging) X(fmi2SetupExperiment) X(fmi2EnterInitializationMode) \
     X(fmi2ExitInitializationMode) X(fmi2Terminate) X(fmi2Reset) X(fmi2GetReal) X(fmi2GetInteger) X(fmi2GetBoolean) \
