@@ -1,7 +1,9 @@
 """Derivatives of the rates in one set of modes, and what they say of a whole step; for ``propagation``.
 
 Kept are, for each of the last sets of modes, the derivatives A themselves, the functions phi1 and phi2 of h A by which
-rates and what changes them move the state in a step of h, and what a torque that swings does within it.
+rates and what changes them move the state in a step of h, and what torques do that signals drive, or that swing within
+a step. Twists of shafts change as fast as speeds differ, whatever the torques: of A and phi2 the rest is kept, what may
+be *bent*.
 """
 
 from __future__ import annotations
@@ -10,11 +12,12 @@ from math import pi
 
 from .backend import kernel
 from .layout import (
-    BRANCHES, BRANCH_COLUMNS, BRANCH_TABLE, CALM, CONTACT, CONTINUOUS, FAILED, INERTIA, KEPT, LASH, LAW, MOST_KEPT,
-    NODES, NOT_A_MODE, PARAMETER, PROPAGATION_HEAD, REFERENCE, RIPPLE, SHAFT, SLOT_HEAD, SUBSTEP, SWINGS, TWIST,
-    TWO_STAGE, USED, moving, slot_size,
+    BENT, BENT_TABLE, BRANCHES, BRANCH_COLUMNS, BRANCH_TABLE, CALM, CONTACT, CONTINUOUS, DRIVERS, DRIVER_TABLE, FAILED,
+    FRICTION, INERTIA, KEPT, LAW, MOST_KEPT, NODES, NODE_A, NOT_A_MODE, PARAMETER, PROPAGATION_HEAD, REFERENCE, REFUSED,
+    RIPPLE, SLIPPING, SLOT_HEAD, SUBSTEP, SWINGING, SWINGS, TWIST, USED, WHOLE, kept_places, moving, slot_size,
 )
 from .laws import rates
+from .sticking import stick
 
 SMALL = 1e-6  # change of a state for a derivative, of what it is, or of 1 rad, rad/s, m ...
 LARGE = 100.0  # N.m: a torque that swings, to see what it does
@@ -29,23 +32,29 @@ def forget_derivatives(plan, work, kept):
     work[kept + USED] = -1.0
     work[kept + CALM] = 0.0
     work[kept + FAILED] = 0.0
+    work[kept + WHOLE] = 0.0
     work[kept + PROPAGATION_HEAD] = NOT_A_MODE
 
 
 @kernel
 def used_slot(plan, work, kept):
-    """Where the derivatives in use lie: how many there are, steps refused in a row, the branch that swings; modes."""
-    return kept + PROPAGATION_HEAD + plan[BRANCHES] + moving(plan) + int(work[kept + USED]) * slot_size(plan)
+    """Where the derivatives in use lie, or are to lie: their head, then modes, then ``slot_places``."""
+    _, _, _, slots = kept_places(plan, kept)
+    return slots + int(work[kept + USED]) * slot_size(plan)
 
 
 @kernel
 def slot_places(plan, slot):
-    """What follows the modes: energy of a unit of each state; rates by the torque that swings, and what a unit of it
-    leaves at the end of a step, by instant; both functions, by columns; derivatives as rows, columns and values."""
+    """What follows the modes: energy of a unit of each state that is bent; rates by each torque that drives; rates by
+    the torque that swings, and what a unit of it leaves at the end of a step, by instant; phi1, and of phi2 what is
+    bent, by columns; of the derivatives the same by rows, each as how many there are, then columns and values."""
     m = moving(plan)
     weights = slot + SLOT_HEAD + plan[BRANCHES]
-    phi1 = weights + (2 + SWINGS) * m
-    return weights, weights + m, phi1, phi1 + m * m, phi1 + 2 * m * m
+    driving = weights + plan[BENT]
+    response = driving + plan[DRIVERS] * m
+    phi1 = response + (1 + SWINGS) * m
+    phi2 = phi1 + m * m
+    return weights, driving, response, phi1, phi2, phi2 + plan[BENT] * m
 
 
 @kernel
@@ -54,54 +63,95 @@ def linearise(plan, work, y, dy, y2, dy2, h, signal, torque, torque_b, modes, ma
     m = moving(plan)
     branches = plan[BRANCHES]
     slot = used_slot(plan, work, kept)
-    weights, response, phi1, phi2, entries = slot_places(plan, slot)
-    scaled = kept + PROPAGATION_HEAD + branches + m + MOST_KEPT * slot_size(plan)
+    weights, driving, response, phi1, phi2, entries = slot_places(plan, slot)
+    _, _, _, slots = kept_places(plan, kept)
+    scaled = slots + MOST_KEPT * slot_size(plan)
+    full = scaled + 3 * m * m  # phi2 with all columns
     for b in range(branches):
         work[slot + SLOT_HEAD + b] = work[modes + b]
-    for i in range(m):
-        work[weights + i] = 0.0
-    for i in range(plan[NODES]):
-        work[weights + i] = work[plan[INERTIA] + i]
-    for b in range(branches):
-        row = plan[BRANCH_TABLE] + b * BRANCH_COLUMNS
-        law = plan[row + LAW]
-        if law == SHAFT or law == LASH or law == CONTACT or law == TWO_STAGE:
-            work[weights + plan[row + TWIST]] = work[plan[row + PARAMETER] + 2]
+    weigh(plan, work, weights)
+    drive(plan, work, dy2, torque, torque_b, modes, matrix, driving)
     for i in range(plan[CONTINUOUS]):
         work[y2 + i] = work[y + i]
-    count = 0
     for j in range(m):
         change = SMALL * (1.0 + abs(work[y + j]))
         work[y2 + j] += change
         rates(plan, work, y2, dy2, signal, torque, torque_b, modes, matrix)
         work[y2 + j] = work[y + j]
         for i in range(m):
-            value = (work[dy2 + i] - work[dy + i]) / change
-            work[scaled + j * m + i] = h * value
+            work[scaled + j * m + i] = (work[dy2 + i] - work[dy + i]) / change
+    bent = plan[BENT_TABLE]
+    at = entries
+    for i in range(plan[BENT]):
+        head = at
+        work[head] = 0.0
+        for j in range(m):
+            value = work[scaled + j * m + plan[bent + i]]
             if value != 0.0:
-                work[entries + 3 * count] = float(i)
-                work[entries + 3 * count + 1] = float(j)
-                work[entries + 3 * count + 2] = value
-                count += 1
-    work[slot] = float(count)
-    work[slot + 1] = 0.0
+                work[head] += 1.0
+                work[at + 1] = float(j)
+                work[at + 2] = value
+                at += 2
+        at += 1
+    for i in range(m * m):
+        work[scaled + i] *= h
+    work[slot + REFUSED] = 0.0
     doublings = 2
     part = 0.25 * h
     while part > PART * work[SUBSTEP]:
         part *= 0.5
         doublings += 1
-    exponential(work, scaled, phi1, phi2, m, doublings)
-    for i in range(2 * m * m):
+    exponential(work, scaled, phi1, full, m, doublings)
+    for i in range(m * m):
         work[phi1 + i] *= h
-    work[slot + 2] = -1.0
+    for i in range(plan[BENT]):
+        for j in range(m):
+            work[phi2 + i * m + j] = h * work[full + plan[bent + i] * m + j]
+    work[slot + SWINGING] = -1.0
     for b in range(branches):
         row = plan[BRANCH_TABLE] + b * BRANCH_COLUMNS
         if plan[row + LAW] == RIPPLE and work[plan[row + PARAMETER] + 2] > 0.0:
             if respond(plan, work, y, dy, dy2, y2, h, signal, torque, torque_b, modes, matrix, b, response, phi1,
                        scaled):
-                work[slot + 2] = float(b)
+                work[slot + SWINGING] = float(b)
     # rates and torques as they were
     rates(plan, work, y, dy, signal, torque, torque_b, modes, matrix)
+
+
+@kernel
+def weigh(plan, work, weights):
+    """Twice the energy of a unit of each state that is bent; 0 where it stores none."""
+    nodes = plan[NODES]
+    for i in range(plan[BENT]):
+        work[weights + i] = 0.0
+        place = plan[plan[BENT_TABLE] + i]
+        if place < nodes:
+            work[weights + i] = work[plan[INERTIA] + place]
+        for b in range(plan[BRANCHES]):
+            row = plan[BRANCH_TABLE] + b * BRANCH_COLUMNS
+            if plan[row + LAW] == CONTACT and plan[row + TWIST] == place:
+                work[weights + i] = work[plan[row + PARAMETER] + 2]
+
+
+@kernel
+def drive(plan, work, dy, torque, torque_b, modes, matrix, driving):
+    """What a unit of the torque of each branch that drives does to the rates, by way of what sticks."""
+    m = moving(plan)
+    stuck = 0  # as many as ``rates`` has listed
+    for b in range(plan[BRANCHES]):
+        law = plan[plan[BRANCH_TABLE] + b * BRANCH_COLUMNS + LAW]
+        if (law == FRICTION or law == SLIPPING) and work[modes + b] == 0.0:
+            stuck += 1
+    for i in range(plan[DRIVERS]):
+        row = plan[BRANCH_TABLE] + plan[plan[DRIVER_TABLE] + i] * BRANCH_COLUMNS
+        node = plan[row + NODE_A]
+        for j in range(m):
+            work[dy + j] = 0.0
+        work[dy + node] = -work[plan[row + PARAMETER]] / work[plan[INERTIA] + node]
+        if stuck > 0:
+            stick(plan, work, dy, torque, torque_b, matrix, stuck)
+        for j in range(m):
+            work[driving + i * m + j] = work[dy + j]
 
 
 @kernel
@@ -136,7 +186,7 @@ def respond(plan, work, y, dy, dy2, spare, h, signal, torque, torque_b, modes, m
         at = last - s * m
         for i in range(m):
             work[at + i] = work[at + m + i]
-        add_product(work, at, quarter, at + m, m)
+        add_product(work, at, quarter, at + m, m, m)
     for s in range(SWINGS):
         weight = h * 7.0 / 90.0
         if s == 1 or s == 3:
@@ -147,7 +197,7 @@ def respond(plan, work, y, dy, dy2, spare, h, signal, torque, torque_b, modes, m
             work[response + (s + 1) * m + i] *= weight
     for i in range(m):
         work[spare + i] = 0.0
-    add_product(work, spare, phi1, response, m)
+    add_product(work, spare, phi1, response, m, m)
     for i in range(m):
         work[response + m + i] -= work[spare + i]
     return True
@@ -211,14 +261,14 @@ def exponential(work, matrix, phi1, phi2, m, doublings):
 def add_matrices(work, target, left, right, m):
     """``work[target:]`` += the product of two matrices of m columns."""
     for j in range(m):
-        add_product(work, target + j * m, left, right + j * m, m)
+        add_product(work, target + j * m, left, right + j * m, m, m)
 
 
 @kernel
-def add_product(work, target, matrix, vector, m):
-    """``work[target:]`` += a matrix of m columns times a vector; four of them at once, as the target is read less."""
+def add_product(work, target, matrix, vector, m, columns):
+    """``work[target:]`` += a matrix of m rows times a vector; four columns at once, as the target is read less."""
     j = 0
-    while j + 3 < m:
+    while j + 3 < columns:
         a = work[vector + j]
         b = work[vector + j + 1]
         c = work[vector + j + 2]
@@ -228,7 +278,7 @@ def add_product(work, target, matrix, vector, m):
             work[target + i] += ((a * work[at + i] + b * work[at + m + i])
                                  + (c * work[at + 2 * m + i] + d * work[at + 3 * m + i]))
         j += 4
-    while j < m:
+    while j < columns:
         a = work[vector + j]
         at = matrix + j * m
         for i in range(m):

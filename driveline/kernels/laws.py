@@ -110,22 +110,14 @@ def rates(plan, work, y, dy, signal, torque, torque_b, modes, matrix):
             t = aerodynamic_force(rate, work[p + 2])
             dissipated += t * rate
         elif law == ENGINE:
-            friction = engine_friction(rate, work[p + 5], work[p + 6])
-            target = indicated_target(
-                work[signal + DELAYED], rate, friction, work[p + 8], work[p + 9], work[p + 10])
-            air = target
+            drive, drag, air_rate = engine_torques(work, p, work[x], rate, signal, plan[row + SIGNAL])
             if work[p + 11] > 0.0:
-                air = work[x]
-                work[dx] = (target - air) / work[p + 11]
-            running = fade(rate / FADE_SPEED)
-            drive = (work[p + 2] * work[signal + plan[row + SIGNAL]] * air
-                     + running * (work[p + 3] + work[p + 4] * work[signal + NOISE]))
-            drag = friction + work[p + 7] * running
+                work[dx] = air_rate
             t = drag - drive
             supplied += drive * rate
             dissipated += drag * rate
         elif law == SOURCE:
-            t = -work[p + 2] * work[signal + plan[row + SIGNAL]]
+            t = source_torque(plan, work, row, signal)
             supplied -= t * rate
         elif law == TWO_STAGE:
             t = two_stage_torque(
@@ -137,7 +129,7 @@ def rates(plan, work, y, dy, signal, torque, torque_b, modes, matrix):
             t = swinging_torque(work, p, rate, work[y + plan[row + REFERENCE]], signal)
             supplied -= t * rate
         elif law == LEADING:
-            t = work[p + 2] * work[signal + plan[row + REFERENCE]] * (rate - work[signal + plan[row + SIGNAL]])
+            t = leading_torque(plan, work, row, rate, signal)
             supplied -= t * rate
         elif law == CURVE:
             t = work[p + 2] * curve_torque(work, signal + plan[row + SIGNAL], work[y + plan[row + REFERENCE]])
@@ -166,6 +158,34 @@ def rates(plan, work, y, dy, signal, torque, torque_b, modes, matrix):
         work[dy + plan[integral_table + 2 * i]] = work[y + plan[integral_table + 2 * i + 1]]
     work[dy + continuous - 2] = supplied
     work[dy + continuous - 1] = dissipated
+
+
+@kernel
+def engine_torques(work, p, air, rate, signal, spark):
+    """Torque [N.m] that drives an ENGINE branch, torque that drags, and how fast its air torque changes."""
+    friction = engine_friction(rate, work[p + 5], work[p + 6])
+    target = indicated_target(work[signal + DELAYED], rate, friction, work[p + 8], work[p + 9], work[p + 10])
+    air_rate = 0.0
+    if work[p + 11] > 0.0:
+        air_rate = (target - air) / work[p + 11]
+    else:
+        air = target
+    running = fade(rate / FADE_SPEED)
+    drive = work[p + 2] * work[signal + spark] * air + running * (work[p + 3] + work[p + 4] * work[signal + NOISE])
+    return drive, friction + work[p + 7] * running, air_rate
+
+
+@kernel
+def source_torque(plan, work, row, signal):
+    """Torque [N.m or N] of a SOURCE branch."""
+    return -work[plan[row + PARAMETER] + 2] * work[signal + plan[row + SIGNAL]]
+
+
+@kernel
+def leading_torque(plan, work, row, rate, signal):
+    """Torque [N.m or N] of a LEADING branch."""
+    gain = work[plan[row + PARAMETER] + 2] * work[signal + plan[row + REFERENCE]]
+    return gain * (rate - work[signal + plan[row + SIGNAL]])
 
 
 @kernel

@@ -27,6 +27,8 @@ SLIPPING = 12  # as FRICTION, then torque, target and reset time of the control 
 LEADING = 13   # gain; torque = gain * (rate - signal), as far as the signal of its reference says
 CURVE = 14     # gain; torque = gain * a curve, which begins at the signal, over the twist at the place of its reference
 DRY = (FRICTION, SLIPPING)  # what may stick
+DRIVING = (ENGINE, SOURCE, LEADING)  # what hears signals only as a torque on its node, or on the way to one
+STRAIGHT = (SHAFT, LASH, TWO_STAGE)  # what has states that move as fast as speeds differ
 
 # Columns of a branch in `plan`.
 LAW, NODE_A, NODE_B, TWIST, PARAMETER, SIGNAL, REFERENCE, MODE = range(8)
@@ -40,8 +42,9 @@ BRANCH_COLUMNS = 8
  STATE_MODES, STATE_CLOCK, STATE_QUEUE, STATE_SECTIONS, STATE_CHANNELS,
  GEAR_INPUT, DELAYED_INPUT, GRADE_INPUT, FILTERED_OUTPUT, SHIFT_LAG, GEARSET_NODE, GEARSET_BRANCH,
  FILTER_TARGET, SEED, SWITCHES, SWITCH_TABLE,
- ) = range(39)
-HEADER = 39
+ BENT, BENT_TABLE, DRIVERS, DRIVER_TABLE, HEARD, HEARD_TABLE,
+ ) = range(45)
+HEADER = 45
 
 # Columns of a CAN channel in `plan`: the output it samples, the output it shows, its place in
 # `state`, its parameters and its jitter table in `constants`.
@@ -68,10 +71,12 @@ MOST_STUCK = 8
 NONE_STUCK = -1.0  # in place of a branch's number
 
 # What is kept of derivatives (``propagation``): how many were taken, which are used, steps since modes changed, how
-# often they failed; then the modes of the last step, r of it, and a slot for each of the last sets of modes.
-KEPT, USED, CALM, FAILED = range(4)
-PROPAGATION_HEAD = 4
-SLOT_HEAD = 3
+# often they failed, whether the last step was whole; then the modes of the last step, the signals it heard, r of it,
+# and a slot for each of the last sets of modes.
+KEPT, USED, CALM, FAILED, WHOLE = range(5)
+PROPAGATION_HEAD = 5
+REFUSED, SWINGING = range(2)  # steps in a row, in a slot; the branch that swings, or -1
+SLOT_HEAD = 2
 SWINGS = 5  # instants in a step at which a torque that swings is looked at
 MOST_KEPT = 4
 NOT_A_MODE = 99.0
@@ -108,14 +113,24 @@ def moving(plan):
 
 
 @kernel
+def kept_places(plan, kept):
+    """Where what is kept of the last step lies: its modes, the signals it heard, r of it; then where slots begin."""
+    modes = kept + PROPAGATION_HEAD
+    heard = modes + plan[BRANCHES]
+    r = heard + plan[HEARD]
+    return modes, heard, r, r + plan[BENT]
+
+
+@kernel
 def slot_size(plan):
     """Length of what is kept for one set of modes."""
     m = moving(plan)
-    return SLOT_HEAD + plan[BRANCHES] + (2 + SWINGS) * m + 5 * m * m
+    bent = plan[BENT]
+    return SLOT_HEAD + plan[BRANCHES] + (1 + SWINGS + plan[DRIVERS]) * m + m * m + bent * (2 + 3 * m)
 
 
 def work_size(plan):
     """Length of `work`."""
     *_, kept = work_places(plan)
-    m = moving(plan)
-    return kept + PROPAGATION_HEAD + plan[BRANCHES] + m + MOST_KEPT * slot_size(plan) + 3 * m * m
+    *_, slots = kept_places(plan, kept)
+    return slots + MOST_KEPT * slot_size(plan) + 4 * moving(plan) ** 2

@@ -72,6 +72,9 @@ def network_run(state: F8, plan: I8, constants: F8, work: F8, inputs: F8, output
     work[signal + RUNS] = 1.0
     work[signal + DELAYED] = 0.0
     work[signal + NOISE] = 0.0
+    work[signal + COS_GRADE] = 1.0
+    work[signal + SIN_GRADE] = 0.0
+    grade = 0.0
     drawn = NONE_DRAWN  # number of the noise value that is held
     delay = work[DELAY]
     tick = work[TICK]
@@ -87,11 +90,10 @@ def network_run(state: F8, plan: I8, constants: F8, work: F8, inputs: F8, output
         base = step * n_inputs
         for i in range(n_inputs):
             work[signal + SIGNALS_HEAD + i] = inputs[base + i]
-        grade = 0.0
-        if plan[GRADE_INPUT] >= 0:
+        if plan[GRADE_INPUT] >= 0 and inputs[base + plan[GRADE_INPUT]] != grade:
             grade = inputs[base + plan[GRADE_INPUT]]
-        work[signal + COS_GRADE] = cos(grade)
-        work[signal + SIN_GRADE] = sin(grade)
+            work[signal + COS_GRADE] = cos(grade)
+            work[signal + SIN_GRADE] = sin(grade)
         work[signal + IN_GEAR] = 1.0
         if plan[GEARS] > 0:
             gear = int(inputs[base + plan[GEAR_INPUT]])

@@ -7,9 +7,10 @@ the rates F by the state, kept for each set of modes, a step of h [s] from state
 
 where r is what the rates changed by in the step before, beyond A times the change of the state: by slip of the tyres,
 drag of the air, losses, and because derivatives grow old. That is the exponential multistep method of order two (Cox
-and Matthews, Journal of Computational Physics 176 (2002), 430). It asks for the rates twice a step, at either end,
-where Runge-Kutta in two sub-steps asks for them nine times; once more where r of this step is another, which then
-takes the place of that before.
+and Matthews, Journal of Computational Physics 176 (2002), 430). It asks for the rates once a step, at its end, where
+Runge-Kutta in two sub-steps asks for them nine times; once more where r of this step is another, which then takes the
+place of that before. Rates at the start are those at the end of the step before, plus what torques that drive by a
+signal have changed by since, times what a unit of them does; all are asked for where anything else hears of a change.
 
 The firing of the cylinders swings too much in a step to be a part of r: its torque is looked at in five instants, and
 what each leaves at the end is summed by Boole's rule.
@@ -25,10 +26,12 @@ from math import exp
 from .backend import kernel
 from .derivatives import add_product, linearise, slot_places, used_slot
 from .layout import (
-    BRANCHES, BRANCH_COLUMNS, BRANCH_TABLE, CALM, CONTINUOUS, FAILED, INTEGRALS, INTEGRAL_TABLE, KEPT, LAGS, LAG_TABLE,
-    MOST_KEPT, NODE_A, NOT_A_MODE, PARAMETER, PROPAGATION_HEAD, REFERENCE, SLOT_HEAD, SWINGS, USED, moving,
+    BENT, BENT_TABLE, BRANCHES, BRANCH_COLUMNS, BRANCH_TABLE, CALM, CONTINUOUS, DRIVERS, DRIVER_TABLE, ENGINE, FAILED,
+    HEARD, HEARD_TABLE, INTEGRALS, INTEGRAL_TABLE, KEPT, LAGS, LAG_TABLE, LAW, MOST_KEPT, NODE_A, NOT_A_MODE, PARAMETER,
+    PROPAGATION_HEAD, REFERENCE, REFUSED, SIGNAL, SLOT_HEAD, SOURCE, SWINGING, SWINGS, TWIST, USED, WHOLE, kept_places,
+    moving,
 )
-from .laws import rates, swinging_torque
+from .laws import engine_torques, leading_torque, rates, source_torque, swinging_torque
 from .stepping import largest_guard, spring_back
 
 PATIENCE = 50.0  # steps in the same modes after which derivatives are taken; as many more for each time they failed
@@ -42,25 +45,31 @@ def propagate(plan, work, y, dy, y2, dy2, spare, h, signal, torque, torque_b, mo
     """Advance ``work[y:]`` by ``h`` [s] with constant signals; False, and nothing moved, where that is refused."""
     n = plan[CONTINUOUS]
     m = moving(plan)
-    before = kept + PROPAGATION_HEAD + plan[BRANCHES]  # r of the step before
+    bent = plan[BENT]
+    _, heard, before, _ = kept_places(plan, kept)  # before: r of the step before
+    whole = work[kept + WHOLE] > 0.0
+    work[kept + WHOLE] = 0.0
     if not are_used(plan, work, modes, kept):
         work[kept + CALM] += 1.0
         if work[kept + CALM] < PATIENCE * (1.0 + work[kept + FAILED]):
             return False
-    rates(plan, work, y, dy, signal, torque, torque_b, modes, matrix)
-    if largest_guard(plan, work, y, signal, torque, modes) > 0.0:
-        return False
+    if whole and same_heard(plan, work, signal, heard):
+        drive_on(plan, work, y, dy, signal, torque, used_slot(plan, work, kept))
+    else:
+        rates(plan, work, y, dy, signal, torque, torque_b, modes, matrix)
+        if largest_guard(plan, work, y, signal, torque, modes) > 0.0:
+            return False
     if work[kept + USED] < 0.0:
         work[kept + USED] = float(int(work[kept + KEPT]) % MOST_KEPT)
         work[kept + KEPT] += 1.0
         linearise(plan, work, y, dy, y2, dy2, h, signal, torque, torque_b, modes, matrix, kept)
     slot = used_slot(plan, work, kept)
-    _, response, phi1, phi2, _ = slot_places(plan, slot)
+    _, _, response, phi1, phi2, _ = slot_places(plan, slot)
     for i in range(n):
         work[y2 + i] = work[y + i]
-    add_product(work, y2, phi1, dy, m)
-    add_product(work, y2, phi2, before, m)
-    swinging = int(work[slot + 2])
+    add_product(work, y2, phi1, dy, m, m)
+    add_product(work, y2, phi2, before, m, bent)
+    swinging = int(work[slot + SWINGING])
     swung = 0.0
     if swinging >= 0:
         swung = work[torque + swinging]
@@ -74,7 +83,7 @@ def propagate(plan, work, y, dy, y2, dy2, spare, h, signal, torque, torque_b, mo
     for i in range(plan[LAGS]):
         place = plan[lag_table + 3 * i]
         lag = work[plan[lag_table + 3 * i + 2]]
-        if lag > 0.0:
+        if lag > 0.0 and work[dy + place] != 0.0:
             work[y2 + place] += (1.0 - exp(-h / lag)) * lag * work[dy + place]
     integrals = plan[INTEGRAL_TABLE]
     for i in range(plan[INTEGRALS]):
@@ -84,31 +93,74 @@ def propagate(plan, work, y, dy, y2, dy2, spare, h, signal, torque, torque_b, mo
     rates(plan, work, y2, dy2, signal, torque, torque_b, modes, matrix)
     energy = remainder(plan, work, y, dy, y2, dy2, spare, h, swung, torque, slot, before)
     if not energy <= TOLERANCE:  # nor where it is no number
-        for i in range(m):
+        for i in range(bent):
             work[before + i] = 0.0
-        work[slot + 1] += 1.0
-        if work[slot + 1] >= MOST_REFUSED:
+        work[slot + REFUSED] += 1.0
+        if work[slot + REFUSED] >= MOST_REFUSED:
             work[slot + SLOT_HEAD] = NOT_A_MODE
             work[kept + PROPAGATION_HEAD] = NOT_A_MODE
             work[kept + FAILED] += 1.0
         return False
     if energy > AS_BEFORE:
-        for i in range(m):
+        for i in range(bent):
             work[before + i] = work[spare + i] - work[before + i]
-        add_product(work, y2, phi2, before, m)
+        add_product(work, y2, phi2, before, m, bent)
         rates(plan, work, y2, dy2, signal, torque, torque_b, modes, matrix)
         remainder(plan, work, y, dy, y2, dy2, spare, h, swung, torque, slot, before)
-    for i in range(m):
+    for i in range(bent):
         work[before + i] = work[spare + i]
     if largest_guard(plan, work, y2, signal, torque, modes) > 0.0:
         return False
-    work[slot + 1] = 0.0
+    work[slot + REFUSED] = 0.0
     for i in range(n - 2, n):  # the ledger, beside what springs back
         work[y2 + i] += 0.5 * h * (work[dy + i] + work[dy2 + i])
     for i in range(n):
         work[y + i] = work[y2 + i]
         work[dy + i] = work[dy2 + i]
+    for i in range(plan[HEARD]):
+        work[heard + i] = work[signal + plan[plan[HEARD_TABLE] + i]]
+    work[kept + WHOLE] = 1.0
     return True
+
+
+@kernel
+def same_heard(plan, work, signal, heard):
+    """Whether the signals are those of the step before, but for what only drives."""
+    table = plan[HEARD_TABLE]
+    for i in range(plan[HEARD]):
+        if work[heard + i] != work[signal + plan[table + i]]:
+            return False
+    return True
+
+
+@kernel
+def drive_on(plan, work, y, dy, signal, torque, slot):
+    """Bring the rates ``work[dy:]`` of the state ``work[y:]`` from the signals of the step before to those of this."""
+    n = plan[CONTINUOUS]
+    m = moving(plan)
+    _, driving, _, _, _, _ = slot_places(plan, slot)
+    for i in range(plan[DRIVERS]):
+        b = plan[plan[DRIVER_TABLE] + i]
+        row = plan[BRANCH_TABLE] + b * BRANCH_COLUMNS
+        p = plan[row + PARAMETER]
+        law = plan[row + LAW]
+        rate = work[p] * work[y + plan[row + NODE_A]]
+        t = 0.0
+        if law == ENGINE:
+            x = plan[row + TWIST]
+            drive, drag, air_rate = engine_torques(work, p, work[y + x], rate, signal, plan[row + SIGNAL])
+            if work[p + 11] > 0.0:
+                work[dy + x] = air_rate
+            t = drag - drive
+        elif law == SOURCE:
+            t = source_torque(plan, work, row, signal)
+        else:  # LEADING
+            t = leading_torque(plan, work, row, rate, signal)
+        change = t - work[torque + b]
+        if change != 0.0:
+            for j in range(m):
+                work[dy + j] += change * work[driving + i * m + j]
+            work[dy + n - 2] -= change * rate
 
 
 @kernel
@@ -117,22 +169,26 @@ def remainder(plan, work, y, dy, y2, dy2, r, h, swung, torque, slot, before):
 
     Returns about the energy [J] of what it does to the state in a step by being another than that of the step before.
     """
-    m = moving(plan)
-    weights, response, _, _, entries = slot_places(plan, slot)
-    swinging = int(work[slot + 2])
+    bent = plan[BENT]
+    table = plan[BENT_TABLE]
+    weights, _, response, _, _, entries = slot_places(plan, slot)
+    swinging = int(work[slot + SWINGING])
     change = 0.0
     if swinging >= 0:
         change = work[torque + swinging] - swung
-    for i in range(m):
-        work[r + i] = work[dy2 + i] - work[dy + i] - change * work[response + i]
-    for k in range(int(work[slot])):
-        at = entries + 3 * k
-        j = int(work[at + 1])
-        work[r + int(work[at])] -= work[at + 2] * (work[y2 + j] - work[y + j])
     energy = 0.0
-    for i in range(m):
-        change = 0.5 * h * (work[r + i] - work[before + i])
-        energy += 0.5 * work[weights + i] * change * change
+    at = entries
+    for i in range(bent):
+        place = plan[table + i]
+        value = work[dy2 + place] - work[dy + place] - change * work[response + place]
+        for _ in range(int(work[at])):
+            j = int(work[at + 1])
+            value -= work[at + 2] * (work[y2 + j] - work[y + j])
+            at += 2
+        at += 1
+        work[r + i] = value
+        moved = 0.5 * h * (value - work[before + i])
+        energy += 0.5 * work[weights + i] * moved * moved
     return energy
 
 
@@ -140,12 +196,12 @@ def remainder(plan, work, y, dy, y2, dy2, r, h, swung, torque, slot, before):
 def are_used(plan, work, modes, kept):
     """Whether derivatives for these modes are in use, after looking for them if modes have changed."""
     branches = plan[BRANCHES]
-    last = kept + PROPAGATION_HEAD
+    last, _, before, _ = kept_places(plan, kept)
     if not are_same(work, last, modes, branches):
         for b in range(branches):
             work[last + b] = work[modes + b]
-        for i in range(moving(plan)):
-            work[last + branches + i] = 0.0
+        for i in range(plan[BENT]):
+            work[before + i] = 0.0
         work[kept + CALM] = 0.0
         count = int(work[kept + KEPT])
         if count > MOST_KEPT:

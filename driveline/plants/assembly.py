@@ -13,6 +13,7 @@ from math import inf
 
 import numpy as np
 
+from ..elements.curved_shaft import SIGNALS as CURVE_SIGNALS
 from ..elements.slip_control import SlipControl
 from ..elements.torque_ripple import TorqueRipple
 from ..elements.two_stage_stiffness import FirstStage
@@ -66,6 +67,19 @@ class Branch:
     signal: int = k.ONE
     reference: int = -1
     states: tuple[StateEntry, ...] = ()
+
+
+def _hears(branch: Branch) -> set[int]:
+    """The signals that a branch's law looks at."""
+    if branch.law == k.ENGINE:
+        return {k.DELAYED, k.NOISE, branch.signal}
+    if branch.law == k.RIPPLE:
+        return {k.RUNS}
+    if branch.law == k.LEADING:
+        return {branch.signal, branch.reference}
+    if branch.law == k.CURVE:
+        return set(range(branch.signal, branch.signal + len(CURVE_SIGNALS)))
+    return {branch.signal, k.COS_GRADE} if branch.law in k.DRY else {branch.signal}
 
 
 @dataclass(frozen=True)
@@ -293,6 +307,20 @@ class Assembly:
         entries.append(StateEntry("energy_dissipated", "J", "heat made by the plant"))
         return entries
 
+    def _drivers(self) -> list[int]:
+        """Branches that only drive a node, by what signals say; no other branch looks at their torque."""
+        looked_at = {branch.reference for branch in self.branches.values() if branch.law in (k.LOSS, k.REACTION)}
+        return [b for b, branch in enumerate(self.branches.values()) if branch.law in k.DRIVING and b not in looked_at]
+
+    def _heard(self) -> list[int]:
+        """Signals that anything but those hears."""
+        drivers = self._drivers()
+        found = {signal for signal, _, _ in self.lags.values()}
+        for b, branch in enumerate(self.branches.values()):
+            if b not in drivers:
+                found |= _hears(branch)
+        return sorted(found - {k.ONE})
+
     def output(self, name: str, *terms: Term) -> None:
         """An output as a sum of terms; none for an output that a sensor fills."""
         self.outputs[name] = terms
@@ -401,7 +429,11 @@ class Assembly:
         plan[k.LAGS], plan[k.INTEGRALS], plan[k.TERMS] = len(lag_rows), len(integral_rows), len(term_rows)
         plan[k.OUTPUTS], plan[k.GEAR_ROWS], plan[k.INPUTS] = len(names), len(gear_rows), len(self.inputs)
         switches = [b for b, row in enumerate(rows) if row[0] in (k.LASH, *k.DRY, k.TWO_STAGE)]
+        bent = [*range(n_nodes), *(places[entry.name] for branch in self.branches.values()
+                                   if branch.law not in k.STRAIGHT for entry in branch.states)]
+        drivers, heard = self._drivers(), self._heard()
         plan[k.SWITCHES] = len(switches)
+        plan[k.BENT], plan[k.DRIVERS], plan[k.HEARD] = len(bent), len(drivers), len(heard)
         plan[k.CHANNELS], plan[k.SECTIONS] = len(channel_rows), len(self.sections)
         plan[k.ACTIVE_SIZE], plan[k.GEARS], plan[k.INERTIA] = len(active), self.gears, inertia
         plan[k.GEAR_VALUES], plan[k.SECTION_VALUES] = gear_values, section_values
@@ -417,7 +449,8 @@ class Assembly:
         for role, table_rows in (
                 (k.BRANCH_TABLE, rows), (k.LAG_TABLE, lag_rows), (k.INTEGRAL_TABLE, integral_rows),
                 (k.TERM_TABLE, term_rows), (k.GEAR_TABLE, [[place] for place, _ in gear_rows]),
-                (k.CHANNEL_TABLE, channel_rows), (k.SWITCH_TABLE, [[b] for b in switches])):
+                (k.CHANNEL_TABLE, channel_rows), (k.SWITCH_TABLE, switches), (k.BENT_TABLE, bent),
+                (k.DRIVER_TABLE, drivers), (k.HEARD_TABLE, heard)):
             plan[role] = size
             part = np.array(table_rows, dtype=np.int64).ravel()
             parts.append(part)

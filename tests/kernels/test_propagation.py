@@ -5,6 +5,7 @@ import pytest
 from runs import PLANTS, Bench, input_rows, plant, run, steps
 
 from driveline.kernels import layout as k
+from driveline.kernels import propagation
 from driveline.kernels.propagation import PATIENCE
 
 TIP_IN = {"engine_torque": steps((0.0, -30.0), (0.2, 150.0), (1.2, -40.0))}
@@ -104,6 +105,58 @@ def test_what_it_cannot_do_is_left_to_short_steps(inputs):
     whole = run(rolling("plant_fom"), 1.5, propagated=True, **TIP_IN, **inputs)
     cut = run(rolling("plant_fom"), 1.5, **TIP_IN, **inputs)
     assert off(whole, fine) < max(2.0 * off(cut, fine), 3e-4)
+
+
+def stuck_and_led(backend):
+    """Two inertias joined by friction that sticks, pushed at one end and led at the other, over a brake that slips."""
+    def build(net):
+        one, two = net.node("one", 0.2, "rad/s", "one"), net.node("two", 0.3, "rad/s", "two")
+        end = net.node("end", 0.5, "rad/s", "end")
+        net.friction("clutch", one, two, 1000.0)
+        net.shaft("shaft", two, end, 500.0, 0.5)
+        net.friction("brake", end, -1, 1.0, signal=net.signal("pressed"))
+        net.source("push", one, 1.0, net.signal("pushed"))
+        net.leading("lead", end, 3.0, net.signal("ahead"), net.signal("share"))
+
+    return Bench(build, {"one": 10.0, "two": 10.0, "end": 10.0},
+                 {"pressed": 1.0, "pushed": 0.0, "ahead": 10.0, "share": 0.5}, backend=backend)
+
+
+def waves(*offsets):
+    return [lambda t, a=offset, b=swing, c=rate: a + b * np.sin(c * t) for offset, swing, rate in offsets]
+
+
+@pytest.mark.parametrize("made, inputs, share", [
+    (lambda: plant("plant_fom", {**NO_DELAY, "engine.air_lag": 0.0}, backend="python", engine_torque=150.0),
+     dict(zip(("engine_torque", "spark_efficiency"), waves((150.0, 20.0, 40.0), (0.95, 0.05, 60.0)))), 1.0),
+    (lambda: plant("plant_fom", {**NO_DELAY, "engine.air_lag": 0.05, "torque_ripple.amplitude": 5.0}, backend="python",
+                   engine_torque=150.0), dict(zip(["engine_torque"], waves((150.0, 20.0, 40.0)))), 1.0),
+    (lambda: stuck_and_led("python"),
+     dict(zip(("pushed", "ahead", "share"), waves((5.0, 20.0, 40.0), (11.0, 1.0, 10.0), (0.5, 0.5, 20.0)))), 1.0),
+    (lambda: stuck_and_led("python"),
+     dict(zip(("pushed", "pressed"), waves((5.0, 20.0, 40.0), (5.0, 1.0, 25.0)))), 0.0),
+], ids=["an engine", "an engine whose air lags, that fires", "pushed and led", "braked by a signal"])
+def test_what_only_drives_needs_no_rates_from_step_to_step(monkeypatch, made, inputs, share):
+    """Rates are brought from one step's signals to the next one's, exactly: states, torques and the ledger."""
+    same = propagation.same_heard
+    said = []
+
+    def records(answer):
+        def asked(*place):
+            said.append(same(*place))
+            return said[-1] and answer
+
+        monkeypatch.setattr(propagation, "same_heard", asked)
+        model = made()
+        found = run(model, 0.4, propagated=True, **inputs)
+        assert derivatives_taken(model) == 1
+        return found
+
+    quick, whole = records(True), records(False)
+    assert np.mean(said) == share
+    assert len(said) > 2 * 300
+    for name, values in whole.items():
+        assert np.abs(quick[name] - values).max() <= 1e-9 * max(np.ptp(values), 1.0), name
 
 
 def test_the_same_bits_uncompiled_and_nothing_outlives_a_call():
