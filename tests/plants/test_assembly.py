@@ -41,6 +41,27 @@ def test_states_branches_and_outputs_are_found_under_their_names(name):
     assert model["engine_speed"] == state[crank]
 
 
+def test_what_only_drives_is_told_from_what_others_look_at():
+    """A step between contacts relies on it: who else hears a signal, or looks at a torque, is asked again."""
+    def network(*extra):
+        net = Assembly(inputs=("pushed", "pressed", "ahead", "share"))
+        node, other = (net.node(name, 1.0, "rad/s", name) for name in ("node", "other"))
+        push = net.source("push", node, 1.0, net.signal("pushed"))
+        net.friction("brake", other, GROUND, 5.0, signal=net.signal("pressed"))
+        net.leading("lead", node, 2.0, net.signal("ahead"), net.signal("share"))
+        for add in extra:
+            add(net, other, push)
+        made = net.build().plan
+        drivers, heard = (list(made[made[table]:][:made[count]])
+                          for table, count in ((k.DRIVER_TABLE, k.DRIVERS), (k.HEARD_TABLE, k.HEARD)))
+        return [net.inputs[signal - k.SIGNALS_HEAD] for signal in heard if signal >= k.SIGNALS_HEAD], drivers
+
+    assert network() == (["pressed"], [0, 2])
+    assert network(lambda net, node, push: net.reaction("mount", node, push, 0.1)) == (["pushed", "pressed"], [2])
+    assert network(lambda net, node, push: net.friction("clutch", 0, node, 3.0, signal=net.signal("ahead"))) == (
+        ["pressed", "ahead"], [0, 2])
+
+
 def test_every_branch_acts_on_its_two_nodes_as_its_ratios_say():
     """-ratio_a T on a, +ratio_b T on b: the rates of a network of one of each kind, node by node."""
     def build(net):
