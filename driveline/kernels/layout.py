@@ -75,7 +75,7 @@ NONE_STUCK = -1.0  # in place of a branch's number
 # and a slot for each of the last sets of modes.
 KEPT, USED, CALM, FAILED, WHOLE = range(5)
 PROPAGATION_HEAD = 5
-REFUSED, SWINGING = range(2)  # steps in a row, in a slot; the branch that swings, or -1
+REFUSED, SWINGING = range(2)  # head of a slot: steps refused in a row; the branch that swings, or -1
 SLOT_HEAD = 2
 SWINGS = 5  # instants in a step at which a torque that swings is looked at
 MOST_KEPT = 4

@@ -143,6 +143,7 @@ class Search:
         scanned: Causes beside which every other was scanned, and fitted by derivatives of its own.
         instead: Suppositions that have what pushes like a cause of a leader in its place, and were fitted for that.
         strained: Those that have what a leader had more of than healthy cars do, and were fitted for that.
+        probed: Those beside which what does nothing while it is small was tried at its sizes.
         refitted: Suppositions that were fitted in further ways; of each, by how much the best of its fits is better
             than the next [log evidence].
     """
