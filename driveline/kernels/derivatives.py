@@ -8,19 +8,16 @@ be *bent*.
 
 from __future__ import annotations
 
-from math import pi
-
 from .backend import kernel
 from .layout import (
     BENT, BENT_TABLE, BRANCHES, BRANCH_COLUMNS, BRANCH_TABLE, CALM, CONTACT, CONTINUOUS, DRIVERS, DRIVER_TABLE, FAILED,
-    FRICTION, INERTIA, KEPT, LAW, MOST_KEPT, NODES, NODE_A, NOT_A_MODE, PARAMETER, PROPAGATION_HEAD, REFERENCE, REFUSED,
+    FRICTION, INERTIA, KEPT, LAW, MOST_KEPT, NODES, NODE_A, NOT_A_MODE, PARAMETER, PROPAGATION_HEAD, REFUSED,
     RIPPLE, SLIPPING, SLOT_HEAD, SUBSTEP, SWINGING, SWINGS, TWIST, USED, WHOLE, kept_places, moving, slot_size,
 )
 from .laws import rates
 from .sticking import stick
 
 SMALL = 1e-6  # change of a state for a derivative, of what it is, or of 1 rad, rad/s, m ...
-LARGE = 100.0  # N.m: a torque that swings, to see what it does
 PART = 1.0 / 16.0  # of a sub-step of Runge-Kutta, for which the functions are series; doubled to a step from there
 TERMS = 7  # of the series of phi2
 
@@ -45,14 +42,14 @@ def used_slot(plan, work, kept):
 
 @kernel
 def slot_places(plan, slot):
-    """What follows the modes: energy of a unit of each state that is bent; rates by each torque that drives; rates by
-    the torque that swings, and what a unit of it leaves at the end of a step, by instant; phi1, and of phi2 what is
-    bent, by columns; of the derivatives the same by rows, each as how many there are, then columns and values."""
+    """What follows the modes: energy of a unit of each state that is bent; rates by each torque that drives; what a
+    unit of the one that swings leaves at the end of a step, by instant; phi1, and of phi2 what is bent, by columns; of
+    the derivatives the same by rows, each as how many there are, then columns and values."""
     m = moving(plan)
     weights = slot + SLOT_HEAD + plan[BRANCHES]
     driving = weights + plan[BENT]
     response = driving + plan[DRIVERS] * m
-    phi1 = response + (1 + SWINGS) * m
+    phi1 = response + SWINGS * m
     phi2 = phi1 + m * m
     return weights, driving, response, phi1, phi2, phi2 + plan[BENT] * m
 
@@ -108,12 +105,11 @@ def linearise(plan, work, y, dy, y2, dy2, h, signal, torque, torque_b, modes, ma
         for j in range(m):
             work[phi2 + i * m + j] = h * work[full + plan[bent + i] * m + j]
     work[slot + SWINGING] = -1.0
-    for b in range(branches):
-        row = plan[BRANCH_TABLE] + b * BRANCH_COLUMNS
+    for i in range(plan[DRIVERS]):
+        row = plan[BRANCH_TABLE] + plan[plan[DRIVER_TABLE] + i] * BRANCH_COLUMNS
         if plan[row + LAW] == RIPPLE and work[plan[row + PARAMETER] + 2] > 0.0:
-            if respond(plan, work, y, dy, dy2, y2, h, signal, torque, torque_b, modes, matrix, b, response, phi1,
-                       scaled):
-                work[slot + SWINGING] = float(b)
+            work[slot + SWINGING] = float(i)
+            respond(work, dy2, h, driving + i * m, response, phi1, scaled, m)
     # rates and torques as they were
     rates(plan, work, y, dy, signal, torque, torque_b, modes, matrix)
 
@@ -155,33 +151,15 @@ def drive(plan, work, dy, torque, torque_b, modes, matrix, driving):
 
 
 @kernel
-def respond(plan, work, y, dy, dy2, spare, h, signal, torque, torque_b, modes, matrix, b, response, phi1, quarter):
-    """What the torque of branch ``b``, one that swings, does to the rates, and its part at each instant to the end of
-    a step of ``h`` [s], for which ``work[quarter:]`` has exp(h A / 4) - 1.
+def respond(work, spare, h, driving, response, phi1, quarter, m):
+    """What a unit of a torque with ``work[driving:]`` leaves at the end of a step of ``h`` [s] by its part at each of
+    its instants, for which ``work[quarter:]`` has exp(h A / 4) - 1.
 
     That of the first instant goes without what ``phi1`` times the rates there has of it already.
     """
-    m = moving(plan)
-    p = plan[plan[BRANCH_TABLE] + b * BRANCH_COLUMNS + PARAMETER]
-    amplitude = work[p + 2]
-    phase = work[p + 4]
-    angle = work[y + plan[plan[BRANCH_TABLE] + b * BRANCH_COLUMNS + REFERENCE]]
-    work[p + 2] = LARGE
-    work[p + 4] = 0.5 * pi - work[p + 3] * angle
-    rates(plan, work, y, dy, signal, torque, torque_b, modes, matrix)
-    highest = work[torque + b]
-    work[p + 4] -= pi
-    rates(plan, work, y, dy2, signal, torque, torque_b, modes, matrix)
-    lowest = work[torque + b]
-    work[p + 2] = amplitude
-    work[p + 4] = phase
-    if highest == lowest:  # as it does not turn
-        return False
+    last = response + (SWINGS - 1) * m
     for i in range(m):
-        work[response + i] = (work[dy + i] - work[dy2 + i]) / (highest - lowest)
-    last = response + SWINGS * m
-    for i in range(m):
-        work[last + i] = work[response + i]
+        work[last + i] = work[driving + i]
     for s in range(1, SWINGS):
         at = last - s * m
         for i in range(m):
@@ -194,13 +172,12 @@ def respond(plan, work, y, dy, dy2, spare, h, signal, torque, torque_b, modes, m
         elif s == 2:
             weight = h * 12.0 / 90.0
         for i in range(m):
-            work[response + (s + 1) * m + i] *= weight
+            work[response + s * m + i] *= weight
     for i in range(m):
         work[spare + i] = 0.0
-    add_product(work, spare, phi1, response, m, m)
+    add_product(work, spare, phi1, driving, m, m)
     for i in range(m):
-        work[response + m + i] -= work[spare + i]
-    return True
+        work[response + i] -= work[spare + i]
 
 
 @kernel

@@ -27,7 +27,7 @@ SLIPPING = 12  # as FRICTION, then torque, target and reset time of the control 
 LEADING = 13   # gain; torque = gain * (rate - signal), as far as the signal of its reference says
 CURVE = 14     # gain; torque = gain * a curve, which begins at the signal, over the twist at the place of its reference
 DRY = (FRICTION, SLIPPING)  # what may stick
-DRIVING = (ENGINE, SOURCE, LEADING)  # what hears signals only as a torque on its node, or on the way to one
+DRIVING = (ENGINE, SOURCE, LEADING, RIPPLE)  # what hears signals only as a torque on its node, or on the way to one
 STRAIGHT = (SHAFT, LASH, TWO_STAGE)  # what has states that move as fast as speeds differ
 
 # Columns of a branch in `plan`.
@@ -75,7 +75,7 @@ NONE_STUCK = -1.0  # in place of a branch's number
 # and a slot for each of the last sets of modes.
 KEPT, USED, CALM, FAILED, WHOLE = range(5)
 PROPAGATION_HEAD = 5
-REFUSED, SWINGING = range(2)  # head of a slot: steps refused in a row; the branch that swings, or -1
+REFUSED, SWINGING = range(2)  # head of a slot: steps refused in a row; which driver swings, or -1
 SLOT_HEAD = 2
 SWINGS = 5  # instants in a step at which a torque that swings is looked at
 MOST_KEPT = 4
@@ -126,7 +126,7 @@ def slot_size(plan):
     """Length of what is kept for one set of modes."""
     m = moving(plan)
     bent = plan[BENT]
-    return SLOT_HEAD + plan[BRANCHES] + (1 + SWINGS + plan[DRIVERS]) * m + m * m + bent * (2 + 3 * m)
+    return SLOT_HEAD + plan[BRANCHES] + (SWINGS + plan[DRIVERS]) * m + m * m + bent * (2 + 3 * m)
 
 
 def work_size(plan):

@@ -27,9 +27,9 @@ from .backend import kernel
 from .derivatives import add_product, linearise, slot_places, used_slot
 from .layout import (
     BENT, BENT_TABLE, BRANCHES, BRANCH_COLUMNS, BRANCH_TABLE, CALM, CONTINUOUS, DRIVERS, DRIVER_TABLE, ENGINE, FAILED,
-    HEARD, HEARD_TABLE, INTEGRALS, INTEGRAL_TABLE, KEPT, LAGS, LAG_TABLE, LAW, MOST_KEPT, NODE_A, NOT_A_MODE, PARAMETER,
-    PROPAGATION_HEAD, REFERENCE, REFUSED, SIGNAL, SLOT_HEAD, SOURCE, SWINGING, SWINGS, TWIST, USED, WHOLE, kept_places,
-    moving,
+    HEARD, HEARD_TABLE, INTEGRALS, INTEGRAL_TABLE, KEPT, LAGS, LAG_TABLE, LAW, LEADING, MOST_KEPT, NODE_A, NOT_A_MODE,
+    PARAMETER, PROPAGATION_HEAD, REFERENCE, REFUSED, SIGNAL, SLOT_HEAD, SOURCE, SWINGING, SWINGS, TWIST, USED, WHOLE,
+    kept_places, moving,
 )
 from .laws import engine_torques, leading_torque, rates, source_torque, swinging_torque
 from .stepping import largest_guard, spring_back
@@ -72,13 +72,14 @@ def propagate(plan, work, y, dy, y2, dy2, spare, h, signal, torque, torque_b, mo
     swinging = int(work[slot + SWINGING])
     swung = 0.0
     if swinging >= 0:
-        swung = work[torque + swinging]
+        b = plan[plan[DRIVER_TABLE] + swinging]
+        swung = work[torque + b]
         t = swung
         for s in range(SWINGS):
             if s > 0:
-                t = swing_ahead(plan, work, y, dy, signal, swinging, s * h / (SWINGS - 1))
+                t = swing_ahead(plan, work, y, dy, signal, b, s * h / (SWINGS - 1))
             for i in range(m):
-                work[y2 + i] += t * work[response + (s + 1) * m + i]
+                work[y2 + i] += t * work[response + s * m + i]
     lag_table = plan[LAG_TABLE]
     for i in range(plan[LAGS]):
         place = plan[lag_table + 3 * i]
@@ -145,7 +146,7 @@ def drive_on(plan, work, y, dy, signal, torque, slot):
         p = plan[row + PARAMETER]
         law = plan[row + LAW]
         rate = work[p] * work[y + plan[row + NODE_A]]
-        t = 0.0
+        t = work[torque + b]  # one that swings goes by what turns
         if law == ENGINE:
             x = plan[row + TWIST]
             drive, drag, air_rate = engine_torques(work, p, work[y + x], rate, signal, plan[row + SIGNAL])
@@ -154,7 +155,7 @@ def drive_on(plan, work, y, dy, signal, torque, slot):
             t = drag - drive
         elif law == SOURCE:
             t = source_torque(plan, work, row, signal)
-        else:  # LEADING
+        elif law == LEADING:
             t = leading_torque(plan, work, row, rate, signal)
         change = t - work[torque + b]
         if change != 0.0:
@@ -171,16 +172,17 @@ def remainder(plan, work, y, dy, y2, dy2, r, h, swung, torque, slot, before):
     """
     bent = plan[BENT]
     table = plan[BENT_TABLE]
-    weights, _, response, _, _, entries = slot_places(plan, slot)
+    weights, driving, _, _, _, entries = slot_places(plan, slot)
     swinging = int(work[slot + SWINGING])
     change = 0.0
     if swinging >= 0:
-        change = work[torque + swinging] - swung
+        change = work[torque + plan[plan[DRIVER_TABLE] + swinging]] - swung
+        driving += swinging * moving(plan)
     energy = 0.0
     at = entries
     for i in range(bent):
         place = plan[table + i]
-        value = work[dy2 + place] - work[dy + place] - change * work[response + place]
+        value = work[dy2 + place] - work[dy + place] - change * work[driving + place]
         for _ in range(int(work[at])):
             j = int(work[at + 1])
             value -= work[at + 2] * (work[y2 + j] - work[y + j])

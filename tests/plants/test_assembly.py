@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from runs import PLANTS, Bench, plant
 
+from driveline.elements.torque_ripple import TorqueRipple
 from driveline.kernels import layout as k
 from driveline.plants.assembly import GROUND, Assembly, ByGear
 from driveline.quantities import InputError
@@ -49,17 +50,20 @@ def test_what_only_drives_is_told_from_what_others_look_at():
         push = net.source("push", node, 1.0, net.signal("pushed"))
         net.friction("brake", other, GROUND, 5.0, signal=net.signal("pressed"))
         net.leading("lead", node, 2.0, net.signal("ahead"), net.signal("share"))
+        swing = net.ripple("swing", node, TorqueRipple(4.0, 3.0, 0.0), net.integral(node, "angle", "rad", "angle"))
         for add in extra:
-            add(net, other, push)
+            add(net, other, {"push": push, "swing": swing})
         made = net.build().plan
         drivers, heard = (list(made[made[table]:][:made[count]])
                           for table, count in ((k.DRIVER_TABLE, k.DRIVERS), (k.HEARD_TABLE, k.HEARD)))
         return [net.inputs[signal - k.SIGNALS_HEAD] for signal in heard if signal >= k.SIGNALS_HEAD], drivers
 
-    assert network() == (["pressed"], [0, 2])
-    assert network(lambda net, node, push: net.reaction("mount", node, push, 0.1)) == (["pushed", "pressed"], [2])
-    assert network(lambda net, node, push: net.friction("clutch", 0, node, 3.0, signal=net.signal("ahead"))) == (
-        ["pressed", "ahead"], [0, 2])
+    assert network() == (["pressed"], [0, 2, 3])
+    assert network(lambda net, node, of: net.reaction("mount", node, of["push"], 0.1)) == (
+        ["pushed", "pressed"], [2, 3])
+    assert network(lambda net, node, of: net.reaction("mount", node, of["swing"], 0.1)) == (["pressed"], [0, 2])
+    assert network(lambda net, node, of: net.friction("clutch", 0, node, 3.0, signal=net.signal("ahead"))) == (
+        ["pressed", "ahead"], [0, 2, 3])
 
 
 def test_every_branch_acts_on_its_two_nodes_as_its_ratios_say():
