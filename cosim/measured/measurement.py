@@ -10,7 +10,7 @@ import hashlib
 import logging
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -115,7 +115,7 @@ class Manoeuvre:
     @property
     def zero(self) -> float:
         """The whole second [s] in which its file begins, or just before which: 0, or the time of day."""
-        begun = _begin(self.channels) if self.begun is None else self.begun
+        begun = _span(self.channels)[0] if self.begun is None else self.begun
         return float(np.floor(begun + 0.1))
 
     def from_zero(self) -> Manoeuvre:
@@ -197,6 +197,7 @@ def _described(described: Mapping[str, Any], where: str, folder: Path, name: str
     common = _table(described.get("channels", {}), f"{where}: channels")
     read = tuple(_manoeuvre(manoeuvre, common, where, folder) for manoeuvre in _manoeuvres(described, where))
     names = [manoeuvre.name for manoeuvre in read]
+    _refuse_twice(read, where)
     if len(set(names)) < len(names):
         read = tuple(replace(manoeuvre, name=f"{manoeuvre.name}_{i}") for i, manoeuvre in enumerate(read, start=1))
     for manoeuvre in read:
@@ -206,6 +207,18 @@ def _described(described: Mapping[str, Any], where: str, folder: Path, name: str
     if isinstance(vehicle, str) and vehicle.endswith(".toml") and (folder / vehicle).is_file():
         vehicle = str(folder / vehicle)
     return Measurement(name, vehicle, described.get("variant"), read)
+
+
+def _refuse_twice(read: Sequence[Manoeuvre], where: str) -> None:
+    """The same seconds of the same data are no second recording: what was fitted would be judged by itself."""
+    for i, one in enumerate(read):
+        for other in read[:i]:
+            begins, ends = zip(*(_span(manoeuvre.channels) for manoeuvre in (one, other)))
+            shared = min(ends) - max(begins)
+            if one.provenance["sha256"] == other.provenance["sha256"] and shared > 0.0:
+                files = " and ".join(dict.fromkeys(f"'{m.provenance['file']}'" for m in (other, one)))
+                raise InputError(f"{where}: {shared:.3g} s of {files} are in two manoeuvres, and would count as two "
+                                 "recordings: leave one out, or part them by start and stop")
 
 
 def _manoeuvres(described: Mapping[str, Any], where: str) -> list[Mapping[str, Any]]:
@@ -247,7 +260,7 @@ def _manoeuvre(described: Mapping[str, Any], common: Mapping[str, Any], where: s
             raise InputError(f"{where}: channels.{name} is no canonical signal"
                              f"{did_you_mean(name, CANONICAL)}")
         channels[name] = _channel(name, _table(entry, f"{where}: channels.{name}"), clock, table, where, notices)
-    begun = _begin(channels)
+    begun, _ = _span(channels)
     span = {key: units.in_unit(described[key], "s", f"{where}: {key}")
             for key in ("start", "stop") if key in described}
     if span:
@@ -260,9 +273,10 @@ def _manoeuvre(described: Mapping[str, Any], common: Mapping[str, Any], where: s
         tuple(f"{table.path.name}: {notice}" for notice in dict.fromkeys(notices)), begun)
 
 
-def _begin(channels: Mapping[str, Channel]) -> float:
-    """First instant [s] of any channel."""
-    return min(float(channel.time[0]) for channel in channels.values())
+def _span(channels: Mapping[str, Channel]) -> tuple[float, float]:
+    """First and last instant [s] of any channel."""
+    times = [channel.time for channel in channels.values()]
+    return min(float(time[0]) for time in times), max(float(time[-1]) for time in times)
 
 
 def _channel(name: str, entry: Mapping[str, Any], clock: Mapping[str, Any], table: DataTable,

@@ -67,12 +67,26 @@ def test_channels_are_in_si_on_their_own_clocks(tmp_path):
 
 def test_parts_of_one_log_have_names_of_their_own_and_all_else_as_it_is(tmp_path):
     """One of them was driven the other way, the other was not."""
-    part = '[[manoeuvre]]\nfile = "log.csv"\nkind = "ramp"\ngear = 5\nstart = "0 s"\nstop = "1 s"\n'
-    toml = TOML.replace("[[manoeuvre]]", f"{part}back = true\n[[manoeuvre]]")
+    part = '[[manoeuvre]]\nfile = "log.csv"\nkind = "ramp"\ngear = 5\nstart = "0 s"\nstop = "20 ms"\n'
+    toml = TOML.replace("[[manoeuvre]]", f'{part}back = true\n[[manoeuvre]]\nstart = "20 ms"')
     back, there = load(write(tmp_path, toml)).manoeuvres
     assert (there.name, there.kind, there.back, there.provenance["file"]) == ("log_2", "tip_in", False, "log.csv")
     assert (back.name, back.kind, back.back, back.provenance["file"]) == ("log_1", "ramp", True, "log.csv")
     assert all(isinstance(notice, str) for m in (there, back) for notice in m.notices)
+
+
+@pytest.mark.parametrize("file", ["log.csv", "copy.csv"])
+@pytest.mark.parametrize("stop, shared", [("", "0.04"), ('stop = "12 ms"\n', "0.01")])
+def test_the_same_data_are_no_second_recording(tmp_path, file, stop, shared):
+    """They would count as a repeat, and a fit be judged by what was fitted."""
+    again = f'[[manoeuvre]]\nfile = "{file}"\nkind = "tip_in"\ngear = 5\n{stop}'
+    folder = write(tmp_path, TOML.replace("[[manoeuvre]]", f"{again}[[manoeuvre]]"))
+    (folder / "copy.csv").write_text(CSV)
+    with pytest.raises(InputError, match=rf"{shared} s of '{file}'.* in two manoeuvres.*leave one out"):
+        load(folder)
+    (folder / "copy.csv").write_text(CSV.replace("1200", "1201"))
+    if file == "copy.csv":
+        assert len(load(folder).manoeuvres) == 2
 
 
 def test_one_file_with_canonical_names_needs_no_description(tmp_path):
