@@ -233,6 +233,7 @@ class FullOrderCar(InstrumentedPlant):
         if not any(name.endswith("speed") for name in present):
             raise InputError(f"manoeuvre '{manoeuvre.name}' has no speed: at least one of "
                              f"{', '.join(self.channels[:5])} is needed")
+        self._check_forward(manoeuvre)
         start, stop = self._span(manoeuvre)
         if stop - start <= LONGEST and "gear" not in manoeuvre and manoeuvre.kind != "drive":
             run = self._run(manoeuvre, present, manoeuvre.name, start, stop)
@@ -253,6 +254,13 @@ class FullOrderCar(InstrumentedPlant):
             log.warning("%s: %s always reads %g, so it is left out", manoeuvre.name, name, manoeuvre[name].values[0])
         channels = {name: channel for name, channel in manoeuvre.channels.items() if name not in dead}
         return dataclasses.replace(manoeuvre, channels=channels) if dead else manoeuvre
+
+    def _check_forward(self, manoeuvre: Manoeuvre) -> None:
+        """Raise InputError where a speed is negative most of the time: only driving forward is looked at."""
+        for name in self.channels:
+            if name.endswith("speed") and name in manoeuvre and np.median(manoeuvre[name].values) < 0.0:
+                raise InputError(f"manoeuvre '{manoeuvre.name}': {name} is negative most of the time, and only driving "
+                                 "forward is looked at: is its sign right?")
 
     def _in_gear(self, manoeuvre: Manoeuvre, start: float, stop: float) -> list[tuple[float, float]]:
         """Parts of one gear each; what gear a drive was in the speeds tell where nobody else does.

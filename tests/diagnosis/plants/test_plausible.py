@@ -8,7 +8,7 @@ import pytest
 from cosim.diagnosis.hidden import hide
 from cosim.diagnosis.plants import FullOrderCar
 from cosim.diagnosis.plants.plausible import check
-from cosim.measured import load
+from cosim.measured import Channel, Manoeuvre, Measurement, load
 from driveline.quantities import InputError
 
 
@@ -41,7 +41,11 @@ def test_what_the_catalogue_can_explain_is_possible(recorded):
     ("engine_speed", 30.0 / np.pi, "engine_speed is .*as if rpm were taken for rad/s"),
     ("propeller_shaft_torque", 1e3, "propeller_shaft_torque changes by .* times what the gears make"),
     ("propeller_shaft_torque", 0.0, "propeller_shaft_torque changes by 0 times"),
-    ("propeller_shaft_torque", 1e-3, "propeller_shaft_torque changes by .*is its unit right")])
+    ("propeller_shaft_torque", 1e-3, "propeller_shaft_torque changes by .*is its unit right"),
+    ("propeller_shaft_torque", -1.0, "propeller_shaft_torque goes down where .* up: is its sign right"),
+    ("seat_acceleration", -1.0, "seat_acceleration goes down where .* up: is its sign right"),
+    ("seat_acceleration", 1.0 / 9.80665, "seat_acceleration is 0.0.*as if g were taken for m/s2"),
+    ("seat_acceleration", 9.80665, "seat_acceleration is .*as if m/s2 were taken for g")])
 def test_a_unit_that_is_not_right_is_said(recorded, channel, factor, said):
     car, runs = recorded
     with pytest.raises(InputError, match=said):
@@ -64,10 +68,31 @@ def test_a_torque_that_no_engine_gives_is_said(recorded):
         check(car, [replace(run, inputs=1e3 * run.inputs) for run in runs])
 
 
+@pytest.mark.parametrize("others", [1.0, -1.0])
+def test_a_torque_that_goes_against_the_speeds_is_said(recorded, others):
+    """Not that what is beside it has the other sign, whichever that has."""
+    car, runs = recorded
+    turned = [replace(run, inputs=np.where(np.arange(run.inputs.shape[1]) == car.columns["engine_torque"], -1.0, 1.0)
+                      * run.inputs) for run in with_units(runs, {"propeller_shaft_torque": others})]
+    with pytest.raises(InputError, match="all else goes up where engine_torque goes down: is its sign right"):
+        check(car, turned)
+    check(car, [replace(run, inputs=0.1 * run.inputs) for run in turned])  # too little to tell
+
+
+def test_speeds_count_forward(recorded):
+    """A run is made of what drives forward, so this is said where runs are made."""
+    car, _ = recorded
+    time = np.linspace(0.0, 5.0, 501)
+    channels = {name: Channel(name, unit, time, level + time, name) for name, unit, level in (
+        ("engine_torque", "N.m", 50.0), ("engine_speed", "rad/s", 150.0), ("wheel_speed", "rad/s", -60.0))}
+    with pytest.raises(InputError, match="'m': wheel_speed is negative most of the time.*is its sign right"):
+        car.runs(Measurement("m", None, None, (Manoeuvre("m", "tip_in", 4, channels),)))
+
+
 def test_another_gear_than_the_measurement_says_is_named(recorded):
     car, runs = recorded
     with pytest.raises(InputError, match=f"{runs[0].name}: .*as in gear 4; gear 5, as the measurement says"):
         check(car, [replace(runs[0], gear=5), runs[1]])
-    blind = {name: values for name, values in runs[0].measured.items() if name != "turbine_speed"}
-    check(car, [replace(runs[0], gear=5, measured=blind)])  # an engine may turn faster than its turbine
+    blind = runs[0].only([name for name in runs[0].clocks if name != "turbine_speed"])
+    check(car, [replace(blind, gear=5)])  # an engine may turn faster than its turbine
     check(car, [replace(runs[0], gear=5, kind="drive")])  # one's gear is a channel, as quick as any
