@@ -79,6 +79,18 @@ def test_a_torque_that_goes_against_the_speeds_is_said(recorded, others):
     check(car, [replace(run, inputs=0.1 * run.inputs) for run in turned])  # too little to tell
 
 
+def test_what_cannot_be_simulated_the_other_way_round_is_no_error(recorded, monkeypatch):
+    car, runs = recorded
+
+    def stalls(values, run):
+        if values["input.engine_torque.gain"] < 0.0:
+            raise ArithmeticError("stalled")
+        return run.stacked
+
+    monkeypatch.setattr(car, "predict", stalls)
+    check(car, runs)
+
+
 def test_speeds_count_forward(recorded):
     """A run is made of what drives forward, so this is said where runs are made."""
     car, _ = recorded
