@@ -12,6 +12,7 @@ import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -196,8 +197,8 @@ def _described(described: Mapping[str, Any], where: str, folder: Path, name: str
     _check_keys(described, "measurement", where)
     common = _table(described.get("channels", {}), f"{where}: channels")
     read = tuple(_manoeuvre(manoeuvre, common, where, folder) for manoeuvre in _manoeuvres(described, where))
-    names = [manoeuvre.name for manoeuvre in read]
     _refuse_twice(read, where)
+    names = [manoeuvre.name for manoeuvre in read]
     if len(set(names)) < len(names):
         read = tuple(replace(manoeuvre, name=f"{manoeuvre.name}_{i}") for i, manoeuvre in enumerate(read, start=1))
     for manoeuvre in read:
@@ -211,14 +212,13 @@ def _described(described: Mapping[str, Any], where: str, folder: Path, name: str
 
 def _refuse_twice(read: Sequence[Manoeuvre], where: str) -> None:
     """The same seconds of the same data are no second recording: what was fitted would be judged by itself."""
-    for i, one in enumerate(read):
-        for other in read[:i]:
-            begins, ends = zip(*(_span(manoeuvre.channels) for manoeuvre in (one, other)))
-            shared = min(ends) - max(begins)
-            if one.provenance["sha256"] == other.provenance["sha256"] and shared > 0.0:
-                files = " and ".join(dict.fromkeys(f"'{m.provenance['file']}'" for m in (other, one)))
-                raise InputError(f"{where}: {shared:.3g} s of {files} are in two manoeuvres, and would count as two "
-                                 "recordings: leave one out, or part them by start and stop")
+    for both in combinations(read, 2):
+        begins, ends = zip(*(_span(manoeuvre.channels) for manoeuvre in both))
+        shared = min(ends) - max(begins)
+        if len({manoeuvre.provenance["sha256"] for manoeuvre in both}) == 1 and shared > 0.0:
+            files = " and ".join(dict.fromkeys(f"'{manoeuvre.provenance['file']}'" for manoeuvre in both))
+            raise InputError(f"{where}: {shared:.3g} s of {files} are in two manoeuvres, and would count as two "
+                             "recordings: leave one out, or part them by start and stop")
 
 
 def _manoeuvres(described: Mapping[str, Any], where: str) -> list[Mapping[str, Any]]:

@@ -110,7 +110,7 @@ def linearise(plan, work, y, dy, y2, dy2, h, signal, torque, torque_b, modes, ma
         if plan[row + LAW] == RIPPLE and work[plan[row + PARAMETER] + 2] > 0.0:
             work[slot + SWINGING] = float(i)
             respond(work, dy2, h, driving + i * m, response, phi1, scaled, m)
-    # rates and torques as they were
+    # torques as they were
     rates(plan, work, y, dy, signal, torque, torque_b, modes, matrix)
 
 

@@ -28,7 +28,7 @@ _ROLLING = 1.0  # m/s
 # its limits by 0.86 and 0.72, 0.6 to 1.2 times. Turned round, the engine's torque leaves 7 times as much and more, at
 # those limits 0.6 times and more, in the drive on the road 4 times.
 _SLOW = 0.5  # s, over which means are taken
-_AGAINST = -0.5  # correlation, or less: the sign is wrong
+_WITH = 0.5  # correlation from which on one goes with the other; below minus that against it, as its sign is wrong
 _BETTER = 4.0  # times less is unlike it where the engine's torque is turned round
 _SHAKEN = 2.5  # times the seat's acceleration, either way
 _UNIT = 1.5  # times, within which what it is off by is that of two units
@@ -57,8 +57,7 @@ def check(car: FullOrderCar, runs: Sequence[Run]) -> None:
     _check_speeds([speeds for _, speeds in rolling])
     lively = [run for run in runs if _swing(car, run) > _LIVELY * car.values["engine.maximum_torque"]]
     _check_torques(car, runs, lively)
-    if any(run.clocks for run in lively):
-        _check_signs(car, [run for run in lively if run.clocks])
+    _check_signs(car, [run for run in lively if run.clocks])
 
 
 def _as_of_the_vehicle(car: FullOrderCar, run: Run) -> dict[str, float]:
@@ -131,17 +130,19 @@ def _check_signs(car: FullOrderCar, lively: Sequence[Run]) -> None:
         if not both:
             continue
         simulated, measured = (np.concatenate(parts) for parts in zip(*both))
-        alike = _alike(simulated, measured)
-        if alike < _AGAINST:
+        correlation = _correlation(simulated, measured)
+        if correlation < -_WITH:
             raise InputError(f"{name} goes down where by the vehicle file it goes up: is its sign right?")
         share = float(simulated @ measured) / float(simulated @ simulated)
-        if name == "seat_acceleration" and alike > -_AGAINST and apart(share) > _SHAKEN:
+        if name == "seat_acceleration" and correlation > _WITH and apart(share) > _SHAKEN:
             raise InputError(f"{name} is {share:.3g} times what the vehicle file makes it: is its unit right?"
                              f"{as_if(name, share, _UNIT)}")
 
 
 def _slow(car: FullOrderCar, run: Run, gain: float) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """What is slower than shuffle in every channel that is driven along, about its mean: simulated, and measured.
+    """What is slower than shuffle, about its mean: simulated, and measured.
+
+    In all channels but the differential's acceleration, which shows how it nods as lashes are crossed.
 
     Args:
         gain: Of the engine's torque.
@@ -150,7 +151,6 @@ def _slow(car: FullOrderCar, run: Run, gain: float) -> dict[str, tuple[np.ndarra
     for name, place in run.slices.items():
         clock, measured = run.clocks[name], run.measured[name]
         count = max(1, round(_SLOW / float(np.median(np.diff(clock)))))
-        # the differential's nods as lashes are crossed
         if name != "differential_acceleration" and count < clock.size and np.ptp(measured) > 0.0:
             means = [np.convolve(signal, np.full(count, 1.0 / count), "valid")
                      for signal in (predicted[place], measured)]
@@ -161,12 +161,12 @@ def _slow(car: FullOrderCar, run: Run, gain: float) -> dict[str, tuple[np.ndarra
 def _unlike(found: Sequence[Mapping[str, tuple[np.ndarray, np.ndarray]]]) -> float:
     """What of the channels is not in proportion to what is simulated, as a share, summed over them; of all but speeds
     either way round."""
-    alike = [(name, _alike(*both)) for channels in found for name, both in channels.items()]
-    return sum(1.0 - (max(r, 0.0) if name.endswith("speed") else r) ** 2 for name, r in alike)
+    with_it = [(name, _correlation(*both)) for channels in found for name, both in channels.items()]
+    return sum(1.0 - (max(r, 0.0) if name.endswith("speed") else r) ** 2 for name, r in with_it)
 
 
-def _alike(one: np.ndarray, other: np.ndarray) -> float:
-    """Correlation of what has no mean; neither is nothing."""
+def _correlation(one: np.ndarray, other: np.ndarray) -> float:
+    """Of two signals about their means, both of which change."""
     return float(one @ other) / float(np.sqrt((one @ one) * (other @ other)))
 
 

@@ -72,8 +72,8 @@ def test_a_torque_that_no_engine_gives_is_said(recorded):
 def test_a_torque_that_goes_against_the_speeds_is_said(recorded, others):
     """Not that what is beside it has the other sign, whichever that has."""
     car, runs = recorded
-    turned = [replace(run, inputs=np.where(np.arange(run.inputs.shape[1]) == car.columns["engine_torque"], -1.0, 1.0)
-                      * run.inputs) for run in with_units(runs, {"propeller_shaft_torque": others})]
+    signs = np.where([name == "engine_torque" for name in car.columns], -1.0, 1.0)
+    turned = [replace(run, inputs=signs * run.inputs) for run in with_units(runs, {"propeller_shaft_torque": others})]
     with pytest.raises(InputError, match="all else goes up where engine_torque goes down: is its sign right"):
         check(car, turned)
     check(car, [replace(run, inputs=0.1 * run.inputs) for run in turned])  # too little to tell
