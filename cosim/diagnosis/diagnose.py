@@ -100,7 +100,7 @@ def diagnose(path: Path, out: Path | None = None, *, vehicle: str | None = None,
     car = plant_for(measurement)
     stretches, further = car.stretches(measurement)
     if isinstance(car, FullOrderCar):
-        plausible.check(car, [*stretches, *further])
+        plausible.check(car, measurement, [*stretches, *further])
     runs, reserved = _reserve(stretches)
     notices = _notices(measurement, car, runs, reserved)
     diagnosis = Diagnosis({}, measurement, car, runs, reserved, further, notices=notices)

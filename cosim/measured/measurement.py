@@ -32,7 +32,7 @@ KINDS = ("tip_in", "tip_out", "ramp", "step", "pulse_train", "coast_down", "crui
 _KEYS = {
     "measurement": ("vehicle", "variant", "manoeuvre", "channels", "note"),
     "manoeuvre": ("file", "kind", "gear", "back", "name", "channels", "note", "start", "stop"),
-    "channel": ("column", "unit", "time", "factor"),
+    "channel": ("column", "unit", "time", "factor", "delay"),
     "clock": ("column", "unit", "factor"),
 }
 # A jump back by more [s] is not jitter of a logger, nor are so many samples in a row that all are late.
@@ -112,6 +112,10 @@ class Manoeuvre:
 
     def __contains__(self, name: str) -> bool:
         return name in self.channels
+
+    def without(self, names: Sequence[str]) -> Manoeuvre:
+        """The same, without some of its channels."""
+        return replace(self, channels={name: of for name, of in self.channels.items() if name not in names})
 
     @property
     def zero(self) -> float:
@@ -289,6 +293,7 @@ def _channel(name: str, entry: Mapping[str, Any], clock: Mapping[str, Any], tabl
     if not isinstance(columns, list) or not columns or not all(isinstance(c, str) for c in columns):
         raise InputError(f"{where}: column is {entry.get('column')!r}: a name, or several to take the mean "
                          "of, is needed")
+    delay = units.in_unit(entry.get("delay", 0.0), "s", f"{where}.delay")
     clocks, parts, sources = [], [], []
     for label in columns:
         column = table.column(label)
@@ -298,9 +303,9 @@ def _channel(name: str, entry: Mapping[str, Any], clock: Mapping[str, Any], tabl
                 raise InputError(f"{where}: column '{label}' has no unit: write unit = \"...\" "
                                  f"(the canonical one is {CANONICAL[name].unit})")
             unit = CANONICAL[name].unit
-        clocks.append(_times(entry, clock, column, table, where, notices))
+        clocks.append(_times(entry, clock, column, table, where, notices) - delay)
         parts.append(_in_si(column.values, name, str(unit), entry, where))
-        sources.append(f"{label} [{unit}]")
+        sources.append(f"{label} [{unit}]" + (f", {delay:g} s late" if delay else ""))
         if clocks[0].size != clocks[-1].size or not np.allclose(
                 clocks[0], clocks[-1], rtol=0.0, atol=_SAME_INSTANT, equal_nan=True):
             raise InputError(f"{where}: columns '{columns[0]}' and '{label}' of {table.path.name} are sampled at "

@@ -201,6 +201,14 @@ def test_a_clock_has_a_factor_like_any_channel(tmp_path):
     assert manoeuvre["vehicle_speed"].time == pytest.approx([0.010, 0.040], abs=1e-15)
 
 
+@pytest.mark.parametrize(("delay", "seconds"), [("0.6", 0.6), ('"-250 ms"', -0.25)])
+def test_a_channel_that_is_late_is_put_where_it_was(tmp_path, delay, seconds):
+    manoeuvre = load(write(tmp_path, TOML.replace('column = "v"\n', f'column = "v"\ndelay = {delay}\n'))).manoeuvres[0]
+    assert manoeuvre["vehicle_speed"].time == pytest.approx([0.010 - seconds, 0.040 - seconds])
+    assert manoeuvre["vehicle_speed"].source == f"v [km/h], {seconds:g} s late"
+    assert manoeuvre["engine_speed"].time == pytest.approx([0.0, 0.025], abs=1e-15)
+
+
 @pytest.mark.parametrize(("header", "scale"), [("slow [s]", 1.0), ("slow [min]", 60.0), ("slow", 1e-3)])
 def test_a_clock_of_its_own_has_the_unit_its_header_says_or_else_that_of_the_common_one(tmp_path, header, scale):
     toml = TOML.replace('column = "v"\n', 'column = "v"\ntime = "slow"\n')
@@ -273,6 +281,8 @@ def test_gzip_is_known_by_either_spelling_and_refused_by_name_where_it_is_damage
     (TOML.replace('unit = "ms"', 'unit = "m"'), CSV, r"clock 't': time is measured in s: 'm' cannot be converted"),
     (TOML.replace('unit = "ms"', "unit = 1"), CSV, r"clock 't': time is measured in s: '1' cannot be converted"),
     (TOML.replace('unit = "ms"', 'factor = "ms"'), CSV, r"clock 't'.factor is 'ms': a number is needed"),
+    (TOML.replace('column = "v"', 'column = "v"\ndelay = "late"'), CSV, r"channels.vehicle_speed.delay is 'late'"),
+    (TOML.replace('column = "v"', 'column = "v"\ndelay = "3 m"'), CSV, r"channels.vehicle_speed.delay"),
     (TOML.replace("channels.engine_speed", "channels.engine_sped"), CSV, r"did you mean 'engine_speed'"),
     (TOML.replace("tip_in", "tipin"), CSV, r"kind is 'tipin'; did you mean 'tip_in'"),
     (TOML.replace("gear = 5", "gear = 5.5"), CSV, r"gear is 5.5: a whole number"),

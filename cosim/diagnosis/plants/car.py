@@ -227,7 +227,9 @@ class FullOrderCar(InstrumentedPlant):
 
     def _cut(self, manoeuvre: Manoeuvre) -> tuple[list[Run], list[Run]]:
         """Its liveliest stretches and the others, each in order of time."""
-        manoeuvre = self._alive(manoeuvre)
+        for name in (dead := self._dead(manoeuvre)):
+            log.warning("%s: %s always reads %g, so it is left out", manoeuvre.name, name, manoeuvre[name].values[0])
+        manoeuvre = manoeuvre.without(dead)
         self._driven(manoeuvre)
         present = [name for name in self.channels if name in manoeuvre]
         if not any(name.endswith("speed") for name in present):
@@ -247,13 +249,22 @@ class FullOrderCar(InstrumentedPlant):
         chosen, others = (sorted(some, key=lambda run: run.start) for some in (lively[:RUNS], lively[RUNS:]))
         return chosen, others
 
-    def _alive(self, manoeuvre: Manoeuvre) -> Manoeuvre:
-        """Without what always reads the same: such a sensor was not there."""
-        dead = [name for name in self.channels if name in manoeuvre and np.ptp(manoeuvre[name].values) == 0.0]
-        for name in dead:
-            log.warning("%s: %s always reads %g, so it is left out", manoeuvre.name, name, manoeuvre[name].values[0])
-        channels = {name: channel for name, channel in manoeuvre.channels.items() if name not in dead}
-        return dataclasses.replace(manoeuvre, channels=channels) if dead else manoeuvre
+    def _dead(self, manoeuvre: Manoeuvre) -> list[str]:
+        """What always reads the same: such a sensor was not there."""
+        return [name for name in self.channels if name in manoeuvre and np.ptp(manoeuvre[name].values) == 0.0]
+
+    def whole(self, manoeuvre: Manoeuvre) -> Run | None:
+        """A recording from the first to the last of its torque, whatever else is there then, led by nothing.
+
+        None of a drive, or through several gears.
+        """
+        manoeuvre = manoeuvre.from_zero()
+        manoeuvre = manoeuvre.without(self._dead(manoeuvre))
+        if manoeuvre.kind == "drive" or "gear" in manoeuvre and np.ptp(manoeuvre["gear"].values) > 0.0:
+            return None
+        present, time = [name for name in self.channels if name in manoeuvre], manoeuvre[self.driver].time
+        run = self._run(manoeuvre, present, manoeuvre.name, float(time[0]), float(time[-1]))
+        return run and run.free
 
     def _check_forward(self, manoeuvre: Manoeuvre) -> None:
         """Raise InputError where a speed is negative most of the time: only driving forward is looked at."""
@@ -376,15 +387,13 @@ class FullOrderCar(InstrumentedPlant):
 
     def _start_speed(self, manoeuvre: Manoeuvre, gear: int, start: float) -> float:
         """Vehicle speed at the start from the first second of the best channel there is [m/s]."""
-        for name, factor in self.rolling(gear).items():
-            if name in manoeuvre:
-                channel = manoeuvre[name]
-                first = (channel.time >= start) & (channel.time <= start + 0.6)
-                if first.sum() < 2:
-                    continue
-                slope, level = np.polyfit(channel.time[first] - start, channel.values[first], 1)
+        known = [(manoeuvre[name], factor) for name, factor in self.rolling(gear).items() if name in manoeuvre]
+        for channel, factor in known:
+            first = (channel.time >= start) & (channel.time <= start + 0.6)
+            if first.sum() >= 2:
+                _, level = np.polyfit(channel.time[first] - start, channel.values[first], 1)
                 return float(level * factor)
-        return 0.0
+        return float(known[0][0].at(start) * known[0][1]) if known else 0.0
 
 
 def led_by(run: Run, raw: Mapping[str, np.ndarray]) -> Run:

@@ -1,7 +1,8 @@
 """Whether recordings can be of this vehicle at all: a wrong unit, sign or gear would be explained at length otherwise.
 
 Speeds must fit each other through gear, final drive and tyre, torques what the engine can do, and what is slow in any
-channel must have the direction that the vehicle file gives it. The limits are far beyond what the catalogue can name.
+channel must have the direction that the vehicle file gives it, when it gives it. The limits are far beyond what the
+catalogue can name.
 """
 
 from __future__ import annotations
@@ -12,8 +13,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from cosim import units
-from cosim.diagnosis.plants import FullOrderCar, Run
-from cosim.measured import CANONICAL
+from cosim.diagnosis.plants import FullOrderCar, Run, clocks
+from cosim.measured import CANONICAL, Measurement
 from driveline.quantities import InputError
 
 _OFF = 1.4  # times the others, either way: no tyre is as much larger, no shaft turns so much faster
@@ -40,15 +41,16 @@ _MISTAKEN = {"rad/s": ("rpm", "deg/s"), "m/s": ("km/h", "mph"), "N.m": ("kN.m", 
 _WRITTEN = {"g_0": "g"}  # a unit as people write it
 
 
-def check(car: FullOrderCar, runs: Sequence[Run]) -> None:
+def check(car: FullOrderCar, measurement: Measurement, runs: Sequence[Run]) -> None:
     """Refuse recordings that cannot be of a vehicle.
 
     Args:
         car: With the vehicle file as it is.
-        runs: All of them.
+        measurement: What was measured.
+        runs: All that were made of it.
 
     Raises:
-        InputError: A gear, or the unit or sign of a channel, is not right.
+        InputError: A gear, or the unit, clock or sign of a channel, is not right.
     """
     rolling = [(run, speeds) for run in runs if (speeds := _as_of_the_vehicle(car, run))]
     for run, speeds in rolling:
@@ -57,6 +59,7 @@ def check(car: FullOrderCar, runs: Sequence[Run]) -> None:
     _check_speeds([speeds for _, speeds in rolling])
     lively = [run for run in runs if _swing(car, run) > _LIVELY * car.values["engine.maximum_torque"]]
     _check_torques(car, runs, lively)
+    clocks.check(car, measurement)
     _check_signs(car, [run for run in lively if run.clocks])
 
 

@@ -6,10 +6,14 @@ import numpy as np
 import pytest
 
 from cosim.diagnosis.hidden import hide
-from cosim.diagnosis.plants import FullOrderCar
-from cosim.diagnosis.plants.plausible import check
+from cosim.diagnosis.plants import FullOrderCar, plausible
 from cosim.measured import Channel, Manoeuvre, Measurement, load
 from driveline.quantities import InputError
+
+
+def check(car, runs):
+    """Of the recordings nothing but what runs say of them."""
+    plausible.check(car, Measurement("m", None, None, ()), runs)
 
 
 @pytest.fixture(scope="module")
@@ -26,6 +30,26 @@ def recorded(tmp_path_factory):
 def with_units(runs, factors):
     return [replace(run, measured={name: factors.get(name, 1.0) * values for name, values in run.measured.items()})
             for run in runs]
+
+
+def test_clocks_are_asked_after_units(recorded, tmp_path):
+    """A unit that is wrong would do anything to what is simulated; a clock that is late may turn a sign round."""
+    hide([], 3, tmp_path / "m", manoeuvres=["pulse_train:4"])
+    measurement = load(tmp_path / "m")
+    manoeuvre = measurement.manoeuvres[0]
+    torque = manoeuvre["propeller_shaft_torque"]
+
+    def with_it(channel):
+        late = replace(manoeuvre, channels={**manoeuvre.channels, channel.name: channel})
+        return replace(measurement, manoeuvres=(late,))
+
+    car = FullOrderCar(measurement.vehicle, measurement.variant)
+    late = with_it(replace(torque, time=torque.time + 1.5))
+    with pytest.raises(InputError, match="propeller_shaft_torque is about 1.5. s late"):
+        plausible.check(car, late, car.runs(late))
+    wrong = with_it(replace(torque, time=torque.time + 1.5, values=1e3 * torque.values))
+    with pytest.raises(InputError, match="propeller_shaft_torque changes by .* is its unit right"):
+        plausible.check(car, wrong, car.runs(wrong))
 
 
 def test_what_the_catalogue_can_explain_is_possible(recorded):
