@@ -1,4 +1,4 @@
-"""Whether recordings can be of this bench at all: a wrong unit or sign would be explained at length otherwise.
+"""Whether recordings can be of this bench at all: a wrong unit, sign or clock would be explained at length otherwise.
 
 What a bench needs for its acceleration is its masses', and no effect of the catalogue makes six times of them. Friction
 may be many times the file's, so of that nothing is asked; but dry friction, which no unit of a motion changes, says
@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cosim.diagnosis.benches.inverse import Torques
+from cosim.diagnosis.plants import clocks
 from cosim.diagnosis.plants.plausible import apart, as_if
 from cosim.diagnosis.plants.run import STEP
 from driveline.quantities import InputError
@@ -50,11 +51,21 @@ def check(torques: Torques) -> None:
         torques: Measured ones, and those that the vehicle file needs.
 
     Raises:
-        InputError: The unit or the sign of a torque, a force or a motion is not right.
+        InputError: The unit, the sign or the clock of a torque, a force or a motion is not right.
     """
+    _check_clocks(torques)
     shares = _shares(torques)
     _check_motions(torques, shares)
     _check_torques(torques, shares)
+
+
+def _check_clocks(torques: Torques) -> None:
+    """Whether torques come when the motion needs them; neither a unit nor a sign changes when."""
+    rows = torques.measured({}), torques.needed(torques.plant.values)
+    for i, (run, shown, needed) in enumerate(zip(torques.runs, *rows)):
+        every = float(np.median(np.diff(torques.clock(i))))
+        clocks.refuse(run.name, torques.plant.motion_of(run),
+                      {name: clocks.lag(shown[name], needed[name], every) for name in shown})
 
 
 def _check_motions(torques: Torques, shares: Mapping[str, _Share]) -> None:

@@ -66,24 +66,32 @@ def check(car: FullOrderCar, measurement: Measurement) -> None:
         InputError: A channel is late or early by more than the catalogue's delays.
     """
     for manoeuvre in measurement.manoeuvres:
-        if late := _late(car.driver, lags(car, manoeuvre)):
-            parts = ", ".join(f"{name} is about {abs(seconds):.2f} s {'late' if seconds > 0.0 else 'early'}"
-                              for name, seconds in late.items())
-            name, seconds = next(iter(late.items()))
-            raise InputError(
-                f"manoeuvre '{manoeuvre.name}': {parts} against {'all else' if name == car.driver else car.driver}, as "
-                f"of a logger that was not started with the rest: write delay = {seconds:.2f} under [channels.{name}]")
+        refuse(f"manoeuvre '{manoeuvre.name}'", car.driver, lags(car, manoeuvre))
 
 
-def _late(driver: str, found: Mapping[str, Lag]) -> dict[str, float]:
-    """What is late, by how much [s]: the driver where all that is late is so by the same, and nothing is on time."""
+def refuse(where: str, reference: str, found: Mapping[str, Lag]) -> None:
+    """Raise InputError where channels are of another clock than most.
+
+    Args:
+        where: In which recording, in words.
+        reference: The channel that all others are late against; it is the one to be named where all that is late is so
+            by the same, and nothing is on time.
+        found: Every other's lag.
+    """
     late = {name: lag.seconds for name, lag in found.items() if lag.late}
-    if late and not any(lag.on_time for lag in found.values()):
+    if not late:
+        return
+    against = reference
+    if not any(lag.on_time for lag in found.values()):
         common = float(np.median(list(late.values())))
         with_it = sum(abs(lag.seconds - common) < _ALIKE for lag in found.values())
         if with_it > max(1, sum(abs(lag.seconds) < _LATE for lag in found.values())):
-            return {driver: -common}
-    return late
+            late, against = {reference: -common}, "all else"
+    parts = ", ".join(f"{name} is about {abs(seconds):.2f} s {'late' if seconds > 0.0 else 'early'}"
+                      for name, seconds in late.items())
+    name, seconds = next(iter(late.items()))
+    raise InputError(f"{where}: {parts} against {against}, as of a logger that was not started with the rest: write "
+                     f"delay = {seconds:.2f} under [channels.{name}]")
 
 
 def lags(car: FullOrderCar, manoeuvre: Manoeuvre) -> dict[str, Lag]:
@@ -107,7 +115,7 @@ def lags(car: FullOrderCar, manoeuvre: Manoeuvre) -> dict[str, Lag]:
                       for begin, end in ((channel.time[0], channel.time[-1]), (run.time[0], run.time[-1]))]
             signals = channel.at(clocks[0]), observe(raw, run.time, car.values, name, clocks[1])
             parts = [_slow(signal, name.endswith("speed")) for signal in signals]
-            found[name] = _lag(*parts, clocks[0][0] - clocks[1][0])
+            found[name] = lag(*parts, _EVERY, clocks[0][0] - clocks[1][0])
     return found
 
 
@@ -119,8 +127,14 @@ def _slow(signal: np.ndarray, speed: bool) -> np.ndarray:
     return np.convolve(signal, np.full(count, 1.0 / count), "valid")
 
 
-def _lag(measured: np.ndarray, simulated: np.ndarray, ahead: float) -> Lag:
-    """By how much one is later than the other, both every ``_EVERY``, where the first begins ``ahead`` later [s]."""
+def lag(measured: np.ndarray, simulated: np.ndarray, every: float, ahead: float = 0.0) -> Lag:
+    """By how much one signal is later than another.
+
+    Args:
+        measured, simulated: Of which what is too fast to be alike is gone; on even clocks.
+        every: Of these [s].
+        ahead: By how much the first clock begins later [s].
+    """
     one, other = measured - np.mean(measured), simulated - np.mean(simulated)
     shifts = np.arange(1 - other.size, one.size)  # by which other[i] lies on one[i + shift]
     begin, end = np.maximum(shifts, 0), np.minimum(other.size + shifts, one.size)
@@ -129,12 +143,12 @@ def _lag(measured: np.ndarray, simulated: np.ndarray, ahead: float) -> Lag:
     sums, sums_other = _within(one, *of_one), _within(other, *of_other)
     product = np.correlate(one, other, "full") - sums * sums_other / count
     squares = ((_within(one**2, *of_one) - sums**2 / count) * (_within(other**2, *of_other) - sums_other**2 / count))
-    seconds = _EVERY * shifts + ahead
+    seconds = every * shifts + ahead
     known = (count >= min(one.size, other.size) // 2) & (np.abs(seconds) <= _MOST)
     known &= squares > _SAME * (one @ one) * (other @ other)
     unlike = np.maximum(1.0 - product[known] ** 2 / squares[known], _SAME)
     seconds = seconds[known]
-    possible, beyond = (unlike[mask] for mask in (np.abs(seconds) < _POSSIBLE + 0.5 * _EVERY, np.abs(seconds) > _LATE))
+    possible, beyond = (unlike[mask] for mask in (np.abs(seconds) < _POSSIBLE + 0.5 * every, np.abs(seconds) > _LATE))
     if not possible.size or not beyond.size:
         return Lag(0.0, 1.0, 1.0)
     best = int(np.argmin(unlike))

@@ -14,8 +14,11 @@ def made_up():
 
 
 def _made_up(folder, seconds=40.0, inertia=2.82e-5, rotor=8.26e-5, zero=0.0, gain=1.0, inline=True, seed=5, extra=None,
-             lost=(), with_speed=False):
-    """A dynamometer's recording by the equations of motion: sampled unevenly, quantised, noisy, with frames lost."""
+             lost=(), with_speed=False, late=()):
+    """A dynamometer's recording by the equations of motion: sampled unevenly, quantised, noisy, with frames lost.
+
+    ``late`` are pairs of a channel and of how late it is.
+    """
     random = np.random.default_rng(seed)
     time = np.cumsum(random.choice([4.2e-3, 10e-3], int(seconds / 6e-3), p=[0.7, 0.3]))
     frequencies, phases = random.uniform(0.3, 6.0, 12), random.uniform(0.0, 6.28, 12)
@@ -42,7 +45,8 @@ def _made_up(folder, seconds=40.0, inertia=2.82e-5, rotor=8.26e-5, zero=0.0, gai
         kept &= (time < begin) | (time > end)
     rows = np.column_stack(list(table.values()))[kept]
     np.savetxt(folder / "bench.csv", rows, "%.9g", ",", header=header, comments="")
-    channels = "".join(f'[channels.{name}]\ncolumn = "{name}"\n' for name in table)
+    delays = dict.fromkeys(table, "") | {name: f"delay = {-seconds}\n" for name, seconds in late}
+    channels = "".join(f'[channels.{name}]\ncolumn = "{name}"\n{delays[name]}' for name in table)
     (folder / "measurement.toml").write_text(
         f'vehicle = "dyno_5nm"\n{channels}[[manoeuvre]]\nfile = "bench.csv"\nkind = "bench"\n', encoding="utf-8")
     found = load(folder)

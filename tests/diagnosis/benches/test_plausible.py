@@ -1,4 +1,4 @@
-"""Units and signs that are not right are said before anything of a bench is explained by them."""
+"""Units, clocks and signs that are not right are said before anything of a bench is explained by them."""
 
 from dataclasses import replace
 
@@ -64,6 +64,22 @@ def test_torques_say_which_of_two_motions_is_wrong(tmp_path, made_up, inline, ch
     plant, runs = made_up(tmp_path, seconds=12.0, with_speed=True, inline=inline)
     with pytest.raises(InputError, match=said):
         check(Torques(plant, scaled(runs, {channel: factor})))
+
+
+@pytest.mark.parametrize(("late", "said"), [
+    ([("motor_torque", 0.7)], r"motor_torque is about 0\.7. s late against motor_position.*\[channels.motor_torque"),
+    ([("inline_torque", -0.45)], "inline_torque is about 0.45 s early against motor_position"),
+    ([("motor_position", 0.7)], "motor_position is about 0.7. s late against all else"),
+    ([("motor_torque", 1.0), ("inline_torque", 1.0)], "motor_position is about 1.00 s early against all else")])
+def test_a_channel_of_another_logger_is_named(tmp_path, made_up, late, said):
+    plant, runs = made_up(tmp_path, seconds=12.0, late=late)
+    with pytest.raises(InputError, match=said):
+        check(Torques(plant, runs))
+
+
+def test_a_delay_that_the_catalogue_has_is_left_to_it(tmp_path, made_up, inline):
+    plant, runs = made_up(tmp_path, seconds=12.0, inertia=2.5 * 2.82e-5, inline=inline, late=[("motor_torque", 0.3)])
+    check(Torques(plant, runs))
 
 
 def test_a_noisy_position_makes_no_speed_wrong(tmp_path, made_up):

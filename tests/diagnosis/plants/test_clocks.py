@@ -7,7 +7,7 @@ import pytest
 
 from cosim.diagnosis.hidden import hide
 from cosim.diagnosis.plants import FullOrderCar
-from cosim.diagnosis.plants.clocks import Lag, _lag, check, lags
+from cosim.diagnosis.plants.clocks import Lag, check, lag, lags
 from cosim.measured import load
 from driveline.quantities import InputError
 
@@ -37,11 +37,12 @@ def test_what_is_shifted_is_found_exactly():
     signal = np.convolve(np.random.default_rng(1).normal(size=1000), np.ones(20), "valid")
     for shift in (-250, -45, 0, 17, 30, 41, 290):
         early, late = signal[max(0, shift):][:600], signal[max(0, -shift):][:600]
-        lag = _lag(-3.0 * late + 7.0, early, 0.0)
-        assert lag.seconds == pytest.approx(0.01 * shift, abs=1e-9)
-        assert lag.late == (abs(shift) > 40) and lag.on_time == (abs(shift) < 31)
-    assert _lag(signal[:600], signal[:600], 1.23).seconds == pytest.approx(1.23)  # its clock began later
-    assert not _lag(signal[:600], np.zeros(600), 0.0).late and not _lag(signal[:600], np.zeros(600), 0.0).on_time
+        found = lag(-3.0 * late + 7.0, early, 0.01)
+        assert found.seconds == pytest.approx(0.01 * shift, abs=1e-9)
+        assert found.late == (abs(shift) > 40) and found.on_time == (abs(shift) < 31)
+    assert lag(signal[:600], signal[:600], 0.01, 1.23).seconds == pytest.approx(1.23)  # its clock began later
+    nothing = lag(signal[:600], np.zeros(600), 0.01)
+    assert not nothing.late and not nothing.on_time
 
 
 def test_one_clock_is_on_time(recorded):
@@ -50,8 +51,8 @@ def test_one_clock_is_on_time(recorded):
     for manoeuvre in measurement.manoeuvres:
         found = lags(car, manoeuvre)
         assert set(SPEEDS) < set(found) and "differential_acceleration" not in found
-        assert all(abs(lag.seconds) <= 0.05 and not lag.late for lag in found.values())
-    assert all(lag.on_time for lag in lags(car, measurement.manoeuvres[0]).values())
+        assert all(abs(each.seconds) <= 0.05 and not each.late for each in found.values())
+    assert all(each.on_time for each in lags(car, measurement.manoeuvres[0]).values())
 
 
 @pytest.mark.parametrize("seconds", [-2.0, -0.62, 0.62, 2.0])
@@ -60,9 +61,9 @@ def test_a_channel_of_another_logger_is_named(recorded, channel, seconds):
     car, measurement = recorded
     late = shifted(measurement, {channel: seconds})
     found = [lags(car, manoeuvre) for manoeuvre in late.manoeuvres]
-    assert {name for name, lag in found[0].items() if lag.late} == {channel}
-    assert {name for name, lag in found[1].items() if lag.late} <= {channel}  # pulses are alike
-    assert [lags[channel].seconds for lags in found] == pytest.approx([seconds, seconds], abs=0.03)
+    assert {name for name, each in found[0].items() if each.late} == {channel}
+    assert {name for name, each in found[1].items() if each.late} <= {channel}  # pulses are alike
+    assert [each[channel].seconds for each in found] == pytest.approx([seconds, seconds], abs=0.03)
     with pytest.raises(InputError, match=rf"'{late.manoeuvres[0].name}': {channel} is about [\d.]+ s "
                        rf"{'late' if seconds > 0.0 else 'early'} against engine_torque.*write delay = -?[\d.]+ under "
                        rf"\[channels.{channel}\]"):
