@@ -22,6 +22,7 @@ _SIZED = 8  # causes of which the best size is looked for
 # which begin with the probe and what has one of its sizes by that smaller.
 _AROUND, _TRIED = (0.3, 2.5), 7
 _SMALLER, _TRIED_TOGETHER = 0.6, 25
+_RESIZED = (0.4, 0.7, 1.5, 2.5)  # times as large as it is a cause that was fitted is tried
 
 
 class Scan:
@@ -105,6 +106,17 @@ class Scan:
             minimize(fall, sizes, method="Nelder-Mead", bounds=list(zip(least, most)),
                      options={"initial_simplex": corners, "maxfev": _TRIED_TOGETHER})
         return max(tried, key=lambda fit: fit.hope)
+
+    def resized(self, fit: Fit) -> list[Fit]:
+        """A fit with each size of its causes larger and smaller than it is, and all else as it is."""
+        placing: list[Callable[[], Fit | None]] = []
+        for cause in fit.causes:
+            without = renamed(fit, fit.without(cause))
+            for i in self._sizes_of(cause):
+                c, here = self.coordinates[i], fit.shared[i]
+                sizes = dict.fromkeys(float(np.clip(times * here, c.low, c.high)) for times in _RESIZED)
+                placing += [partial(self._placed, without, cause, {i: size}) for size in sizes if size != here]
+        return [start for start in self.predictor.at_once(placing) if start is not None]
 
     def _sizes_of(self, cause: str) -> list[int]:
         """Coordinates of a cause that all runs have in common."""

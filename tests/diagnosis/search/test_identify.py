@@ -334,6 +334,45 @@ def test_what_does_nothing_while_small_is_tried_at_a_size_beside_a_leader():
     assert not search._probed(best) and set(search.pool.fits) == fitted  # it promises nothing
 
 
+def leading(search, fit, changes):
+    """A fit with some sizes changed, as if it had been settled there."""
+    def changed(vector):
+        vector = vector.copy()
+        for cause, size in changes.items():
+            vector[search.predictor.index(cause)] = size
+        return vector
+
+    causes = tuple(sorted(changes))
+    there = search.fitter.placed(fit, causes, changed(fit.shared), [changed(point) for point in fit.points])
+    there = replace(search.fitter.assess(there, search.pool.noise), near=True, settled=True)
+    search.pool.fits[causes] = there
+    return there
+
+
+def test_a_leader_is_better_with_a_cause_that_is_larger():
+    """Where its fit ended in another minimum. Once for a leader, and not where no size is better."""
+    search, result = found({"size": 0.3})
+    search.resized.clear()
+    assert not search._resized(result.best) and not search._resized(result.healthy)
+    leader = leading(search, result.best, {"size": 0.2})
+    assert not search._resized(leader)  # that was asked
+    search.resized.clear()
+    assert search._resized(leader) and not search._resized(leader)
+    again = search.pool.fits["size",]
+    assert again.settled and again.score == pytest.approx(result.best.score, abs=1.0)
+    assert again.shared == pytest.approx(result.best.shared, abs=0.1 * DETECTION)
+
+
+def test_what_made_up_for_a_cause_that_was_too_small_is_no_cause_beside_it():
+    search, result = found({"size": 0.3})
+    leader = leading(search, result.best, {"size": 0.2, "curve": 2.0 * DETECTION})
+    del search.pool.fits["size",]
+    search.resized.clear()
+    assert search._resized(leader)
+    assert search.pool.fits["size",].score == pytest.approx(result.best.score, abs=1.0)
+    assert search.pool.fits[leader.causes] is leader
+
+
 def test_causes_that_do_the_same_are_together_more_likely_than_each():
     search, result = found({})
     none = result.healthy

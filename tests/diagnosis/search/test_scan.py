@@ -29,6 +29,26 @@ def test_probes_have_the_sizes_asked_for_and_stay_within_their_limits():
     assert all(np.count_nonzero(fit.shared) == 1 for fit in probes)
 
 
+def test_a_fit_is_tried_with_each_of_its_sizes_larger_and_smaller():
+    """Up to what is possible, in all runs alike, and with all else as it is."""
+    scan, start, _ = scanned({}, lowest=-0.3)
+    places = [scan.predictor.index(cause)[0] for cause in ("size", "tilt", "curve")]
+    there = np.zeros(len(start.shared))
+    there[places] = 0.5, -0.2, 0.1
+    points = [there + 0.01, there - 0.01]
+    fit = scan.fitter.placed(start, ("size", "tilt"), there, points)
+    others = scan.resized(fit)
+    assert all(other.causes == fit.causes for other in others)
+    changes = [other.shared - there for other in others]
+    assert [change[places[0]] for change in changes[:4]] == pytest.approx([-0.3, -0.15, 0.25, 0.5])  # 1 at most
+    assert [change[places[1]] for change in changes[4:]] == pytest.approx([0.12, 0.06, -0.1])  # -0.3 at least, once
+    for other, change, place in zip(others, changes, [places[0]] * 4 + [places[1]] * 3):
+        assert np.flatnonzero(change).tolist() == [place]
+        for point, before in zip(other.points, points):
+            assert point[place] == other.shared[place] and np.delete(point - before, place) == pytest.approx(0.0)
+    assert not scan.resized(start)
+
+
 def test_beside_a_start_its_own_causes_are_not_probed():
     scan, start, noise = scanned({})
     beside = replace(start, causes=("size",))
