@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal import correlate
 
 from cosim.diagnosis.plants import FullOrderCar
 from cosim.diagnosis.plants.observation import observe
@@ -34,10 +35,10 @@ class Lag:
     """By how much a channel is late.
 
     Attributes:
-        seconds: Behind what the torque makes of it; negative: before that.
-        unlike: Share of it that is not in proportion to what is simulated, shifted by that.
-        clearer: How many times as much of it is unlike the simulation with a delay that is possible as with one that
-            is not, each at its best.
+        seconds: By which it comes after what it should follow; negative: before that.
+        unlike: Share of it that is not in proportion to that, shifted by so much.
+        clearer: How many times as much of it is unlike that with a delay that is possible as with one that is not,
+            each at its best.
     """
 
     seconds: float
@@ -141,7 +142,7 @@ def lag(measured: np.ndarray, simulated: np.ndarray, every: float, ahead: float 
     count = end - begin
     of_one, of_other = (begin, end), (begin - shifts, end - shifts)
     sums, sums_other = _within(one, *of_one), _within(other, *of_other)
-    product = np.correlate(one, other, "full") - sums * sums_other / count
+    product = correlate(one, other) - sums * sums_other / count
     squares = ((_within(one**2, *of_one) - sums**2 / count) * (_within(other**2, *of_other) - sums_other**2 / count))
     seconds = every * shifts + ahead
     known = (count >= min(one.size, other.size) // 2) & (np.abs(seconds) <= _MOST)

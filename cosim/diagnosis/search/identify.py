@@ -22,7 +22,7 @@ import numpy as np
 
 from cosim.diagnosis.catalogue import push_alike
 from cosim.diagnosis.fit.evidence import Evidence
-from cosim.diagnosis.fit.fitting import EFFECT, Fit, Fitter, as_found
+from cosim.diagnosis.fit.fitting import EFFECT, SETTLED, Fit, Fitter, as_found
 from cosim.diagnosis.fit.noise import Noise
 from cosim.diagnosis.fit.predict import Coordinate, Predictor, effect_of
 from cosim.diagnosis.search.alike import alike, instead
@@ -272,13 +272,14 @@ class Search:
         self.resized.add(leader.causes)
         at_once, noise = self.predictor.at_once, self.pool.noise
         others = at_once([partial(self.fitter.assess, fit, noise) for fit in self.scan.resized(leader)])
-        better = best_of_each((fit for fit in others if fit.score > leader.score), 1)
-        self.pool.enter([self._large_enough(self.pool.settled(fit)) for fit in better])
+        better = [fit for fit in others if fit.score > leader.score + SETTLED]
+        if better:
+            best = max(better, key=lambda fit: fit.hope)
+            self.pool.enter([self._large_enough(self.pool.settled(best))])
         return bool(better)
 
     def _large_enough(self, fit: Fit) -> Fit:
-        """Without those of its causes that are too small to be some, where there are any: they made up for something
-        that is gone."""
+        """Without those of its causes that are too small to be some, which made up for what is not there any more."""
         kept = key(cause for cause in fit.causes if self.pool.size(fit, cause) >= SMALLEST)
         return fit if kept == fit.causes else self.pool.settled(renamed(fit, kept))
 
