@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -219,6 +220,10 @@ class FullOrderCar(InstrumentedPlant):
     def stretches(self, measurement: Measurement) -> tuple[list[Run], list[Run]]:
         # loggers drift from when they began, and that is when their clocks were set
         cut = [self._cut(manoeuvre.from_zero()) for manoeuvre in measurement.manoeuvres]
+        for manoeuvre, parts in zip(measurement.manoeuvres, cut):
+            if manoeuvre.gear is None and "gear" not in manoeuvre:
+                for run in itertools.chain(*parts):
+                    log.info("%s: the speeds say gear %d", run.name, run.gear)
         found, further = ([run for parts in cut for run in parts[k]] for k in (0, 1))
         if not found:
             raise InputError(f"measurement '{measurement.name}': no stretch of at least {SHORTEST:g} s in one forward "
@@ -355,9 +360,7 @@ class FullOrderCar(InstrumentedPlant):
 
     def _gear(self, manoeuvre: Manoeuvre, start: float, stop: float) -> int:
         """The gear whose ratio the measured speeds have."""
-        best = self.gear_of(float(np.median(self._ratio(manoeuvre, np.linspace(start, stop, 200)))))
-        log.info("%s: the speeds say gear %d", manoeuvre.name, best)
-        return best
+        return self.gear_of(float(np.median(self._ratio(manoeuvre, np.linspace(start, stop, 200)))))
 
     def _gears_at(self, ratios: np.ndarray) -> np.ndarray:
         """The gear at every instant of a drive by its ratios; 0 where it is none, as in a shift.

@@ -1,5 +1,6 @@
 """Simulations led along measured speeds."""
 
+import logging
 from dataclasses import replace
 
 import numpy as np
@@ -213,6 +214,19 @@ def test_a_lash_that_is_crossed_or_a_radius_that_is_wrong_is_no_shift(wrong, sli
 
     [run] = car.runs(a_drive(car, (4, 4), engine_speed=turns, turbine_speed=turns))
     assert (run.gear, run.start) == (4, 0.0) and run.time[-1] > 13.9
+
+
+def test_a_gear_that_the_speeds_say_is_told_once(caplog):
+    """Also where clocks are asked, for which the recording is made ready once more."""
+    caplog.set_level(logging.INFO, "cosim")
+    car = FullOrderCar("suv_6l80")
+    measured = a_drive(car, (4,))
+    tip_in = replace(measured, manoeuvres=(replace(measured.manoeuvres[0], name="a", kind="tip_in"),))
+    [run] = car.runs(tip_in)
+    assert car.whole(tip_in.manoeuvres[0]).gear == run.gear == 4
+    assert caplog.text.count("a: the speeds say gear 4") == 1
+    car.runs(a_drive(car, (4,), gear=4))
+    assert caplog.text.count("the speeds say gear") == 1
 
 
 def test_a_dead_speed_neither_leads_the_plant_nor_tells_its_gear():
