@@ -73,8 +73,18 @@ def test_a_channel_of_another_logger_is_named(recorded, channel, seconds):
 @pytest.mark.parametrize("seconds", [-1.4, 0.5])
 def test_where_all_else_is_late_it_is_the_torque(recorded, seconds):
     car, measurement = recorded
-    with pytest.raises(InputError, match=r"engine_torque is about .* against all else.*under \[channels.engine_torque"):
+    said = "late" if seconds > 0.0 else "early"
+    with pytest.raises(InputError, match=rf"engine_torque is about [\d.]+ s {said} against all else.*write delay = "
+                       rf"{'-' * (seconds < 0.0)}\d\.\d+ under \[channels.engine_torque\]"):
         check(car, shifted(measurement, {"engine_torque": seconds}))
+
+
+def test_where_one_channel_is_on_time_it_is_not_the_torque(recorded):
+    """Which is then of the same logger."""
+    car, measurement = recorded
+    others = [name for name in measurement.manoeuvres[0].channels if name not in ("engine_torque", "vehicle_speed")]
+    with pytest.raises(InputError, match="engine_speed is about .* late, .* against engine_torque"):
+        check(car, shifted(measurement, dict.fromkeys(others, 0.85)))
 
 
 def test_two_channels_of_one_logger_are_named_together(recorded):
