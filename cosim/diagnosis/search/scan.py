@@ -22,6 +22,7 @@ _SIZED = 8  # causes of which the best size is looked for
 # which begin with the probe and what has one of its sizes by that smaller.
 _AROUND, _TRIED = (0.3, 2.5), 7
 _SMALLER, _TRIED_TOGETHER = 0.6, 25
+_GAP = ".half_gap"  # how parameters of the plant end that are one
 _RESIZED = (0.4, 0.7, 1.5, 2.5)  # times as large as it is a cause that was fitted is tried
 
 
@@ -79,6 +80,11 @@ class Scan:
     def silent(self, causes: Iterable[str]) -> list[str]:
         """Those of some causes that do nothing while they are small, so that derivatives say nothing of them."""
         return [cause for cause in causes if any(self.coordinates[i].parameter.probes for i in self._sizes_of(cause))]
+
+    def gaps(self, causes: Iterable[str]) -> list[str]:
+        """Those of some causes that change how large gaps are, and so when they are crossed."""
+        return [cause for cause in causes if any(target.endswith(_GAP) for i in self._sizes_of(cause)
+                                                 for target in self.coordinates[i].parameter.targets)]
 
     def sized(self, start: Fit, probe: Fit, noise: Noise) -> Fit:
         """A probe at the size that explains most, before everything else is fitted to a size that is not right.

@@ -109,6 +109,23 @@ def test_in_place_of_a_single_cause_every_other_is_fitted_by_derivatives_of_its_
     assert search.pool.fits.keys() >= {fit.causes for fit in others}
 
 
+def test_what_changes_gaps_is_fitted_from_the_file_to_either_side():
+    """Also where a scan shows nothing of it; not again where it is settled, nor beside a leader of another kind."""
+    search, result = found({"phase": 0.2})
+    assert search._of_gaps(result.healthy) == []
+    phase = search.coordinates[0]
+    search.coordinates[0] = replace(phase, parameter=replace(phase.parameter, targets=("a.half_gap", "b.half_gap")))
+    assert search.scan.gaps(["phase", "size"]) == ["phase"] and search._of_gaps(result.healthy) == []
+    del search.pool.fits["phase",]
+    assert search._of_gaps(replace(result.healthy, causes=("size",))) == []
+    assert len(search._of_gaps(result.best)) == 2
+    fits = [fit() for fit in search._of_gaps(result.healthy)]
+    assert all(fit.causes == ("phase",) and fit.near for fit in fits) and len(fits) == 2
+    assert max(fit.score for fit in fits) == pytest.approx(result.best.score, abs=1.0)
+    search.scanned.clear()
+    assert len(search._afresh(result.healthy, ())) >= 3
+
+
 def test_who_cannot_be_told_from_the_leader_is_settled_as_it_is():
     """By its causes' derivatives alone a rival stays short of where it can get; one that is no rival is left alone."""
     search, result = found({"size": 0.3})

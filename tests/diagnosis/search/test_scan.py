@@ -99,6 +99,12 @@ def test_a_short_stiff_stage_of_axle_shafts_is_looked_for_where_it_is(car_and_ru
     assert best.hope > start.hope + 4.0
 
 
+def test_gaps_are_changed_by_what_says_so(car_and_run):
+    car, run = car_and_run
+    scan = Scan(Fitter(Predictor(car, [run], coordinates(car, [run]))))
+    assert set(scan.gaps(CATALOGUE)) == {"backlash_size", "backlash_location"}
+
+
 def test_the_best_of_each_supposition_comes_first():
     scan, start, noise = scanned({"size": 0.3})
     fits = [scan.fitter.assess(fit, noise) for fit in scan.probes(start, ["size", "curve"], (*SMALL, *LARGE))]
