@@ -7,7 +7,7 @@ whose unit is wrong.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +24,7 @@ _GOES_WITH = 0.25  # share of what a channel does that has to go with a motion, 
 _SHOWS = 0.03  # the same of dry friction
 _ALIKE = 2.0  # times: masses and friction that are off by more are not off alike
 _SLOWLY = 1e-6  # share of the speed at which friction is dry
+_Signals = Mapping[str, np.ndarray]  # of a run, by channel
 
 
 @dataclass(frozen=True)
@@ -53,19 +54,19 @@ def check(torques: Torques) -> None:
     Raises:
         InputError: The unit, the sign or the clock of a torque, a force or a motion is not right.
     """
-    _check_clocks(torques)
-    shares = _shares(torques)
+    measured, needed = torques.measured({}), torques.needed(torques.plant.values)
+    _check_clocks(torques, measured, needed)
+    shares = _shares(torques, measured, needed)
     _check_motions(torques, shares)
     _check_torques(torques, shares)
 
 
-def _check_clocks(torques: Torques) -> None:
+def _check_clocks(torques: Torques, measured: Sequence[_Signals], needed: Sequence[_Signals]) -> None:
     """Whether torques come when the motion needs them; neither a unit nor a sign changes when."""
-    rows = torques.measured({}), torques.needed(torques.plant.values)
-    for i, (run, shown, needed) in enumerate(zip(torques.runs, *rows)):
+    for i, (run, shown, wanted) in enumerate(zip(torques.runs, measured, needed)):
         every = float(np.median(np.diff(torques.clock(i))))
         clocks.refuse(run.name, torques.plant.motion_of(run),
-                      {name: clocks.lag(shown[name], needed[name], every) for name in shown})
+                      {name: clocks.lag(shown[name], wanted[name], every) for name in shown})
 
 
 def _check_motions(torques: Torques, shares: Mapping[str, _Share]) -> None:
@@ -129,14 +130,14 @@ def _off(share: float) -> float:
     return apart(share) if share > 0.0 else np.inf
 
 
-def _shares(torques: Torques) -> dict[str, _Share]:
+def _shares(torques: Torques, measured: Sequence[_Signals], needed: Sequence[_Signals]) -> dict[str, _Share]:
     """Of every channel that goes with the acceleration."""
     values, found = torques.plant.values, {}
-    rows = torques.measured({}), torques.needed(values), torques.resisted(values), torques.resisted(values, _SLOWLY)
+    rows = measured, needed, torques.resisted(values), torques.resisted(values, _SLOWLY)
     for channel in torques.channels:
-        shown, needed, resisted, dry = (
-            np.concatenate([run[channel] for run, there in zip(row, rows[0]) if channel in there]) for row in rows)
-        factors, explained = _made_of(shown, needed - resisted, dry, resisted - dry)
+        shown, wanted, resisted, dry = (
+            np.concatenate([run[channel] for run, there in zip(row, measured) if channel in there]) for row in rows)
+        factors, explained = _made_of(shown, wanted - resisted, dry, resisted - dry)
         if explained[0] > _GOES_WITH:
             found[channel] = _Share(factors[0], factors[1] if explained[1] > _SHOWS else None)
     return found

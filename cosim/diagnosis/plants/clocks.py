@@ -98,8 +98,8 @@ def refuse(where: str, reference: str, found: Mapping[str, Lag]) -> None:
 def lags(car: FullOrderCar, manoeuvre: Manoeuvre) -> dict[str, Lag]:
     """By how much every channel is late against what the engine's torque makes of it.
 
-    All but the differential's acceleration, which is quick. None of a drive or of a recording through several gears,
-    nor where the torque hardly changes, or cannot be simulated.
+    All but the differential's acceleration, which is quick. None of a drive, of a recording through several gears, or
+    where the torque cannot be simulated.
     """
     run = car.whole(manoeuvre)
     if run is None:
@@ -108,10 +108,10 @@ def lags(car: FullOrderCar, manoeuvre: Manoeuvre) -> dict[str, Lag]:
         raw = car.raw(car.values, run)
     except ArithmeticError:  # what cannot be simulated as it is is refused where it is fitted
         return {}
-    found = {}
+    measured, found = manoeuvre.from_zero(), {}
     for name in run.clocks:
         if name != "differential_acceleration":
-            channel = manoeuvre.from_zero()[name]
+            channel = measured[name]
             clocks = [np.arange(begin, end, _EVERY)
                       for begin, end in ((channel.time[0], channel.time[-1]), (run.time[0], run.time[-1]))]
             signals = channel.at(clocks[0]), observe(raw, run.time, car.values, name, clocks[1])

@@ -115,7 +115,7 @@ class Challenge:
         own = self.fitter.assess(replace(leader), noise).hope
         promising = {s: lead for lead, s in self.candidates(leader, evidence)
                      if lead > -(_PROMISING if len(s) > len(leader.causes) else SWAPPED)}
-        fresh = [s for s in promising if not self._is_near(s)]
+        fresh = [s for s in promising if not self.pool.is_near(s)]
         further = [s for s in fresh if len(s) > len(leader.causes)]
         starts, at_once = [], self.fitter.predictor.at_once
         for sets, tried, count in zip((further, [s for s in fresh if s not in further]), _STARTED, counts):
@@ -142,7 +142,7 @@ class Challenge:
                 lead += fit.hope - leader.hope
                 known = max(promising.get(causes, -np.inf), advice.get(causes, (-np.inf,))[0])
                 least = -_RIVAL if len(causes) <= len(leader.causes) else 0.0
-                if not self._is_near(causes) and causes not in self.tried and lead > max(least, known + _SHORT):
+                if not self.pool.is_near(causes) and causes not in self.tried and lead > max(least, known + _SHORT):
                     advice[causes] = lead, fit, evidence
         best = sorted(advice, key=lambda causes: -advice[causes][0])[:_ADVISED]
         self.tried.update(best)
@@ -156,12 +156,8 @@ class Challenge:
         """
         if leader is not self.challenged:
             self.challenged, self.tried = leader, set()
-        near = {s: self.pool.fits[s] for s in promising if self._is_near(s) and s not in self.tried}
+        near = {s: self.pool.fits[s] for s in promising if self.pool.is_near(s) and s not in self.tried}
         leads = {s: max(promising[s], fit.hope - leader.hope) for s, fit in near.items()}
         stuck = [s for s, lead in leads.items() if lead > -_RIVAL and leader.score + lead > near[s].score + _SHORT]
         self.tried.update(stuck[:REFITTED])
         return stuck[:REFITTED]
-
-    def _is_near(self, causes: tuple[str, ...]) -> bool:
-        fit = self.pool.fits.get(causes)
-        return fit is not None and fit.near

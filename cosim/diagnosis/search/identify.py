@@ -323,8 +323,7 @@ class Search:
 
         Where a cause moves crossings of the lash the derivatives are others, and a fit by those of the start is stuck.
         """
-        near = {causes for causes, fit in self.pool.fits.items() if fit.near}
-        fresh = [fit for fit in best_of_each(starts, 1) if fit.causes not in near][:_AFRESH]
+        fresh = [fit for fit in best_of_each(starts, 1) if not self.pool.is_near(fit.causes)][:_AFRESH]
         return [lambda fit=fit: self._from_file(self.fitter.relinearise(fit)) for fit in fresh]
 
     def _of_gaps(self, leader: Fit) -> list[Callable[[], Fit]]:
@@ -337,7 +336,7 @@ class Search:
         gaps = self.scan.gaps(self.causes)
         if leader.causes and not set(leader.causes) & set(gaps):
             return []
-        fresh = [cause for cause in gaps if (cause,) not in self.pool.fits or not self.pool.fits[cause,].near]
+        fresh = [cause for cause in gaps if not self.pool.is_near((cause,))]
         return [lambda fit=fit: self._from_file(self.fitter.relinearise(fit))
                 for fit in self.scan.probes(self.file, fresh, SMALL)]
 

@@ -75,6 +75,11 @@ class Pool:
         without = self.fits.get(fit.without(cause))
         return without is None or not without.causes or self.fitter.shows(fit, without)
 
+    def is_near(self, causes: tuple[str, ...]) -> bool:
+        """Whether a supposition was fitted by derivatives of its own."""
+        fit = self.fits.get(causes)
+        return fit is not None and fit.near
+
     # -- in and out -------------------------------------------------------------------------------
 
     def enter(self, fits: Iterable[Fit]) -> None:
