@@ -55,8 +55,16 @@ class Pool:
 
         And plausible, once its derivatives are its own: on its way a fit may touch a limit.
         """
-        return (not fit.near or self.plausible(fit)) and all(
-            self.size(fit, cause) >= SMALLEST and self._shows(fit, cause) for cause in fit.causes)
+        return (not fit.near or self.plausible(fit)) and self.large(fit) and all(
+            self._shows(fit, cause) for cause in fit.causes)
+
+    def large(self, fit: Fit) -> bool:
+        """Whether all its causes are large enough to be some."""
+        return self.large_of(fit) == fit.causes
+
+    def large_of(self, fit: Fit) -> tuple[str, ...]:
+        """Those of its causes that are large enough to be some."""
+        return tuple(cause for cause in fit.causes if self.size(fit, cause) >= SMALLEST)
 
     def plausible(self, fit: Fit) -> bool:
         """Whether no parameter of a cause is at a limit, as far as healthy cars differ: it would have to be beyond."""

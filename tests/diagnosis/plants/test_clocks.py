@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.hidden import hide
-from cosim.diagnosis.plants import FullOrderCar
+from cosim.diagnosis.plants import FullOrderCar, clocks
 from cosim.diagnosis.plants.clocks import Lag, check, lag, lags
 from cosim.measured import load
 from driveline.quantities import InputError
@@ -30,6 +31,12 @@ def shifted(measurement, seconds, **changes):
         replace(manoeuvre, **changes, channels={
             name: replace(channel, time=channel.time + seconds.get(name, 0.0))
             for name, channel in manoeuvre.channels.items()}) for manoeuvre in measurement.manoeuvres))
+
+
+def test_what_is_possible_is_what_delays_of_the_catalogue_go_to():
+    latest = [max(map(abs, p.limits)) for found in CATALOGUE.values() for p in found.parameters
+              if any(target.endswith("delay") for target in p.targets)]
+    assert max(latest) == clocks._POSSIBLE < clocks._LATE
 
 
 def test_what_is_shifted_is_found_exactly():

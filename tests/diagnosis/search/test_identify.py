@@ -13,7 +13,7 @@ from cosim.diagnosis import catalogue
 from cosim.diagnosis.search import identify
 from cosim.diagnosis.search.detectable import Shown
 from cosim.diagnosis.search.identify import APART, LACKING, Identification, Search, tempered
-from cosim.diagnosis.search.pool import SMALLEST
+from cosim.diagnosis.search.pool import SMALLEST, SWAPPED
 
 
 def test_where_nothing_is_hidden_nothing_is_found():
@@ -107,6 +107,34 @@ def test_in_place_of_a_single_cause_every_other_is_fitted_by_derivatives_of_its_
     others = search._afresh(result.best, ())
     assert len(others) > 1 and all(fit.near and len(fit.causes) <= 1 for fit in others)
     assert search.pool.fits.keys() >= {fit.causes for fit in others}
+
+
+def test_what_does_nothing_while_small_is_fitted_from_the_size_that_was_scanned_as_well(monkeypatch):
+    """From the one it was found with it may end in another minimum: here at a limit."""
+    search, result = found({"phase": 0.5})
+    search.scanned.clear()
+    assert search._as_scanned(("phase",)) == []
+    monkeypatch.setattr(search.scan, "silent", list)
+    off = leading(search, result.best, {"phase": -1.0})
+    as_found, as_scanned, *_ = search._afresh(off, ("phase",))
+    assert as_found.causes == as_scanned.causes == ("phase",)
+    assert as_found.score < result.best.score - 20.0
+    assert as_scanned.score == pytest.approx(result.best.score, abs=1.0) and as_scanned.near
+    assert search._as_scanned(("phase", "size")) == []
+
+
+def test_what_may_stand_in_place_of_the_leader_is_fitted_by_everything(monkeypatch):
+    """Not what has all of the leader's causes, nor what is far behind it, nor what is too small."""
+    search, result = found({"phase": 0.2})
+    start, other = search.opened[0], replace(result.best, causes=("size",))
+    assert start.causes == ("phase",)
+    fit = search._by_its_own(start, other)
+    assert fit.settled and fit.score == pytest.approx(result.best.score, abs=1.0)
+    for leader in (result.best, result.healthy, replace(other, score=other.score + 1.1 * SWAPPED)):
+        fit = search._by_its_own(start, leader)
+        assert fit.near and not fit.settled
+    monkeypatch.setattr("cosim.diagnosis.search.pool.SMALLEST", 1e3)
+    assert not search._by_its_own(start, other).settled
 
 
 def test_what_changes_gaps_is_fitted_from_the_file_to_either_side():
