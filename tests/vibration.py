@@ -79,3 +79,18 @@ def found(hidden):
     """A search on a plant with something hidden, and its result."""
     search = Search(Plant(hidden), lambda text: None)
     return search, search.run()
+
+
+def leading(search, fit, changes):
+    """A fit with some sizes changed, as if it had been settled there."""
+    def changed(vector):
+        vector = vector.copy()
+        for cause, size in changes.items():
+            vector[search.predictor.index(cause)] = size
+        return vector
+
+    causes = tuple(sorted(changes))
+    there = search.fitter.placed(fit, causes, changed(fit.shared), [changed(point) for point in fit.points])
+    there = replace(search.fitter.assess(there, search.pool.noise), near=True, settled=True)
+    search.pool.fits[causes] = there
+    return there

@@ -32,7 +32,8 @@ from cosim.diagnosis.judge.shafts import bent_shafts
 from cosim.diagnosis.judge.verdict import beside, finding_of, is_strange, left_over, probabilities, rivals_of
 from cosim.diagnosis.plants import FullOrderCar, InstrumentedPlant, RigidPlant, Run, plant_for, plausible
 from cosim.diagnosis.plants.car import PLACES
-from cosim.diagnosis.search.identify import APART, Identification, Search
+from cosim.diagnosis.search.identification import APART, Identification
+from cosim.diagnosis.search.identify import Search
 from cosim.diagnosis.show.residuals import repeatable, wrong
 from cosim.files import write_text
 from cosim.measured import Measurement, load

@@ -7,7 +7,7 @@ import pytest
 
 from cosim.diagnosis import diagnose
 from cosim.diagnosis.diagnose import _reserve
-from cosim.diagnosis.search.identify import Identification
+from cosim.diagnosis.search.identification import Identification
 from driveline.quantities import InputError
 
 

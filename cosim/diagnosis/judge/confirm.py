@@ -18,7 +18,7 @@ from cosim.diagnosis.fit.predict import Predictor, effect_of
 from cosim.diagnosis.fit.regression import paired
 from cosim.diagnosis.judge.road import on_its_road
 from cosim.diagnosis.plants import FullOrderCar, Run
-from cosim.diagnosis.search.identify import Identification
+from cosim.diagnosis.search.identification import Identification
 from driveline.quantities import InputError
 
 FEWEST = 8  # stretches that judge

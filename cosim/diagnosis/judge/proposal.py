@@ -17,7 +17,7 @@ from cosim.diagnosis.fit.noise import Noise
 from cosim.diagnosis.fit.predict import Coordinate, Predictor, coordinates
 from cosim.diagnosis.plants import SETTLE, STEP, FullOrderCar, Run
 from cosim.diagnosis.plants.car import led_by
-from cosim.diagnosis.search.identify import APART, LACKING, Identification, signed, trusted
+from cosim.diagnosis.search.identification import APART, LACKING, Identification, signed, trusted
 from cosim.diagnosis.search.reach import around, instead_of, twins
 from driveline.elements.engine_torque import engine_friction
 from driveline.elements.road_load import GRAVITY

@@ -20,7 +20,7 @@ from cosim.diagnosis.fit.predict import Coordinate, Predictor
 from cosim.diagnosis.judge.localise import Disturbance, joined, pictured, sampled
 from cosim.diagnosis.judge.torques import bent, signals_of
 from cosim.diagnosis.plants.bent import HEIGHTS, KNOTS, BentCar
-from cosim.diagnosis.search.identify import Identification
+from cosim.diagnosis.search.identification import Identification
 
 PLACE, VARIABLE = "within the axle shafts", "twist"
 _CURVE = "curve"  # in the place of a cause's name

@@ -15,7 +15,7 @@ from cosim.diagnosis.judge.finding import something_else
 from cosim.diagnosis.judge.localise import disturbances
 from cosim.diagnosis.judge.shafts import Bent
 from cosim.diagnosis.search.detectable import would_show
-from cosim.diagnosis.search.identify import APART, Identification
+from cosim.diagnosis.search.identification import APART, Identification
 
 LIKELY = 0.05  # causes less probable are not listed
 # Of all causes together, from which on a verdict of none says what is not excluded: one chance in five (a judgement).

@@ -14,117 +14,33 @@ was found. ``docs/diagnosis.md`` says why.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
 
 from cosim.diagnosis.catalogue import push_alike
 from cosim.diagnosis.fit.evidence import Evidence
-from cosim.diagnosis.fit.fitting import EFFECT, SETTLED, Fit, Fitter, as_found
-from cosim.diagnosis.fit.noise import Noise
-from cosim.diagnosis.fit.predict import Coordinate, Predictor, effect_of
+from cosim.diagnosis.fit.fitting import SETTLED, Fit, Fitter
+from cosim.diagnosis.fit.predict import Predictor, effect_of
+from cosim.diagnosis.search.afresh import Afresh
 from cosim.diagnosis.search.alike import alike, instead
 from cosim.diagnosis.search.challenge import SWAPPED_CAUSES, Challenge
-from cosim.diagnosis.search.detectable import Shown, detectable, told
-from cosim.diagnosis.search.pool import REFITTED, SWAPPED, Pool
+from cosim.diagnosis.search.detectable import detectable
+from cosim.diagnosis.search.identification import APART, Identification, named_from, separation, tempered, trusted
+from cosim.diagnosis.search.pool import REFITTED, Pool
 from cosim.diagnosis.search.reach import around, twins
-from cosim.diagnosis.search.scan import SMALL, Scan, best_of_each, key, renamed
+from cosim.diagnosis.search.scan import Scan, best_of_each, key, renamed
 
 log = logging.getLogger("cosim")
 
-APART = 3.0  # sigma: rivals closer than this cannot be told from the best
-# sigma: a rival that lacks a cause of the best cannot be told from it where it is closer than this, one chance in four
-# (a judgement). Whether a further cause is there is no choice between two, for which as much is asked as above.
-LACKING = 1.5
 # Of a parameter in the leader, in what healthy cars differ by [sigma]: more, and it is tried as a cause (a judgement).
 _STRAINED = 2.5
-_AFRESH = 2  # suppositions that are fitted by derivatives of their own where a search begins anew
 _FIRST = 3  # causes beside which every other is tried where no cause alone explains a recording
-_TEMPER = 2.0  # of differences in evidence, at least: a plant of another structure errs by some units
-# More of that between effects that push alike: dry drag of the axle is told from rolling resistance and slope only
-# while a lash is crossed, where a plant of another structure does otherwise as well. By 11 and 17 units the wrong one
-# stood first.
-_PUSH_ALIKE = 2.0
 # Log evidence behind the leader within which a rival gets as many fits as it: the true causes, fitted once, were 16
 # behind a wrong leader, and gained 27 by further ways.
 _AS_MANY = 20.0
 _TURNS = 30  # steps of the search, at most; some three a cause
-# Probability of nothing wrong from which on no cause is named, even if one leads: one chance in three, a judgement.
-_NOTHING = 1.0 / 3.0
-
-
-@dataclass
-class Identification:
-    """What the search found.
-
-    Attributes:
-        best: The most probable supposition; no causes where nothing is significantly wrong. Of those that do the same
-            the best, where they are together more probable than any other.
-        alternatives: All suppositions that were fitted, ``best`` first, then by evidence.
-        healthy: The supposition without causes.
-        noise: Under which they were compared.
-        alike: Groups of causes that do the same in these recordings.
-        coordinates: All that was fitted.
-        detectable: Smallest sizes of every cause that they would show, by its place among the coordinates.
-        temper: By what differences in evidence are divided before they are odds (``tempered``).
-    """
-
-    best: Fit
-    alternatives: list[Fit]
-    healthy: Fit
-    noise: Noise
-    alike: list[tuple[str, ...]]
-    coordinates: Sequence[Coordinate]
-    detectable: dict[int, Shown]
-    temper: float = _TEMPER
-
-    def shares(self) -> np.ndarray:
-        """Of the suppositions in the evidence of all, which add up to 1."""
-        weights = np.exp([-self.lead(fit) / self.temper for fit in self.alternatives])
-        return weights / weights.sum()
-
-    def lead(self, fit: Fit) -> float:
-        """Log evidence of the best over another supposition, as far as it tells them apart.
-
-        By what the fits reached, or by what their derivatives promise if that is less: a settled fit that falls short
-        of the promise is in a worse minimum, and so not refuted.
-        """
-        reached = self.best.score - fit.score
-        return trusted(min(reached, max(self.best.hope - fit.hope, 0.0)) if fit.near else reached, self.best, fit)
-
-    def apart(self, fit: Fit) -> float:
-        """How far a supposition is from the best [sigma]."""
-        return separation(self.lead(fit), self.temper)
-
-    def significant(self) -> Identification:
-        """The same, with nothing wrong as the best where no cause is significant.
-
-        That is where nothing has one chance in three, or no cause is as large as these runs would show: more evidence
-        than such a size has is none for it, but that one fit got further than another.
-        """
-        nothing = sum(share for fit, share in zip(self.alternatives, self.shares()) if not fit.causes)
-        if not self.best.causes or nothing < _NOTHING and any(self._shows(cause) for cause in self.best.causes):
-            return self
-        others = [fit for fit in self.alternatives if fit.causes]
-        return replace(self, best=self.healthy, alternatives=[self.healthy, *others])
-
-    def told_without(self, fit: Fit) -> float:
-        """How far the best has to be from what lacks some of its causes to be told from it [sigma].
-
-        As far as from any other where each of these is smaller than the runs would show.
-        """
-        lacking = set(self.best.causes) - set(fit.causes)
-        return LACKING if any(self._shows(cause) for cause in lacking) else APART
-
-    def _shows(self, cause: str) -> bool:
-        """Whether a cause of the best is large enough to be named; of several that do the same each may be smaller, as
-        they are as many chances that one of them is there."""
-        same = next((group for group in self.alike if cause in group), (cause,))
-        needed = named_from(self.temper)
-        return told(self.detectable, self.coordinates, self.best.shared, cause, needed) >= (
-            needed - self.temper * np.log(len(same)))
 
 
 class Search:
@@ -135,12 +51,11 @@ class Search:
         say: Told what happens.
 
     Attributes:
-        file: The vehicle file as it is; ``first``, what the runs say there; ``opened``, every cause at its best.
+        file: The vehicle file as it is; ``first``, what the runs say there.
         pool: What was fitted so far.
         alike: Groups of causes that do the same; of each the first is looked for.
         causes: Which are looked for.
-        challenge: Of whoever leads, by these.
-        scanned: Causes beside which every other was scanned, and fitted by derivatives of its own.
+        challenge: Of whoever leads, by these; ``afresh``, fits of these that begin in the vehicle file.
         instead: Suppositions that have what pushes like a cause of a leader in its place, and were fitted for that.
         strained: Those that have what a leader had more of than healthy cars do, and were fitted for that.
         resized: Those whose causes were tried at other sizes than they have.
@@ -151,17 +66,16 @@ class Search:
 
     file: Fit
     first: Evidence
-    opened: list[Fit]
     pool: Pool
     alike: list[tuple[str, ...]]
     causes: list[str]
     challenge: Challenge
+    afresh: Afresh
 
     def __init__(self, predictor: Predictor, say: Callable[[str], None] = log.info) -> None:
         self.predictor, self.fitter, self.say = predictor, Fitter(predictor), say
         self.scan = Scan(self.fitter)
         self.coordinates = predictor.coordinates
-        self.scanned: set[tuple[str, ...]] = set()
         self.refitted: dict[tuple[str, ...], float] = {}
         self.instead: set[tuple[str, ...]] = set()
         self.strained: set[tuple[str, ...]] = set()
@@ -195,10 +109,10 @@ class Search:
         for _ in range(_TURNS):
             leader = self.pool.worthy()[0]
             needed = self._needed(leader)
-            if needed.causes not in self.scanned:
+            if needed.causes not in self.afresh.scanned:
                 if needed.causes:  # by everything a leader is settled after that
                     needed = self.pool.settle(needed, everything=False)
-                self.pool.enter(self._afresh(needed, needed.causes))
+                self.pool.enter(self.afresh(needed, needed.causes))
             elif not leader.settled:
                 self.pool.settle(leader)
             elif leader.causes != self.pool.judged:
@@ -227,9 +141,10 @@ class Search:
         self.challenge = Challenge(self.pool, self.causes)
         self.pool.enter([self.fitter.assess(self.fitter.refine(self.file, noise, 5), noise)])
         self.say("every cause alone, at several sizes")
-        self.opened = self.scan.starts(self.file, self.causes, noise)
+        opened = self.scan.starts(self.file, self.causes, noise)
+        self.afresh = Afresh(self.pool, self.scan, self.file, self.causes, opened)
         at_once = self.predictor.at_once
-        self.pool.enter(at_once([partial(self.pool.refined, fit) for fit in self.opened]))
+        self.pool.enter(at_once([partial(self.pool.refined, fit) for fit in opened]))
         renewed = at_once([partial(self.fitter.renewed, fit, noise, False) for fit in self.pool.nearest()])
         self.pool.fits |= {fit.causes: fit for fit in renewed}
         self.pool.doubt_again()
@@ -291,88 +206,12 @@ class Search:
         to be explained.
         """
         with self.pool.trusting() as noise:
-            for fit in best_of_each((self.fitter.assess(fit, noise) for fit in self.opened), 1)[:_FIRST]:
+            for fit in best_of_each((self.fitter.assess(fit, noise) for fit in self.afresh.opened), 1)[:_FIRST]:
                 start = self.fitter.assess(self.fitter.relinearise(fit), noise)
                 self.pool.enter(self.predictor.at_once(
-                    self._by_their_own(self.scan.starts(start, self.causes, noise))))
+                    self.afresh.by_their_own(self.scan.starts(start, self.causes, noise))))
 
-    # -- from the vehicle file anew ---------------------------------------------------------------
-
-    def _afresh(self, fit: Fit, causes: tuple[str, ...]) -> list[Fit]:
-        """Some causes of a fit once more, from the vehicle file with them as found and nothing else; and a scan there.
-
-        On the way from where a cause was missing everything else was bent towards it, and may be so still. So are the
-        derivatives on that way: here they are taken anew. Once for the same causes.
-        """
-        if causes in self.scanned:
-            return []
-        self.scanned.add(causes)
-        if not causes:  # each alone was scanned when the search began
-            opened = [self.fitter.assess(fit, self.pool.noise) for fit in self.opened]
-            starts = self._by_their_own(opened) + self._of_gaps(fit)
-            return self.predictor.at_once([partial(self._from_file, self.file), *starts])
-        start = self._in_file(fit, causes)
-        if start is None:
-            return []
-        scanned = self.scan.starts(start, self.causes, self.pool.noise)
-        others = [partial(self.pool.refined, other) for other in scanned]
-        return self.predictor.at_once([partial(self._from_file, start), *self._as_scanned(causes),
-                                       *self._by_their_own(scanned), *others])
-
-    def _as_scanned(self, causes: tuple[str, ...]) -> list[Callable[[], Fit]]:
-        """A fit of one cause that does nothing while it is small from where it explained most in the file.
-
-        Derivatives of the file know nothing of it, so by these its fit may have left that size for another minimum: of
-        a clutch that slips in a cruise they made one that holds there, 207 units of log evidence behind.
-        """
-        opened = [fit for fit in self.opened if fit.causes == causes and self.scan.silent(causes)][:1]
-        return [lambda fit=fit: self._from_file(self.fitter.relinearise(fit)) for fit in opened]
-
-    def _by_their_own(self, starts: Iterable[Fit]) -> list[Callable[[], Fit]]:
-        """Fits of the best of some starts whose causes are not settled yet, by derivatives taken there.
-
-        Where a cause moves crossings of the lash the derivatives are others, and a fit by those of the start is stuck.
-        """
-        fresh = [fit for fit in best_of_each(starts, 1) if not self.pool.is_near(fit.causes)][:_AFRESH]
-        leader = self.pool.worthy()[0]
-        return [partial(self._by_its_own, fit, leader) for fit in fresh]
-
-    def _by_its_own(self, start: Fit, leader: Fit) -> Fit:
-        """A start fitted from the vehicle file by derivatives taken there; by everything where it may stand in the
-        leader's place.
-
-        By those of its causes alone a loss of the transmission was 57 units of log evidence behind an offset of the
-        engine torque, and so 31 behind neither; by everything it leads by 28.
-        """
-        fit = self._from_file(self.fitter.relinearise(start))
-        instead = fit.score > leader.score - SWAPPED and not set(leader.causes) <= set(fit.causes)
-        return self.pool.settled(fit) if instead and self.pool.large(fit) else fit
-
-    def _of_gaps(self, leader: Fit) -> list[Callable[[], Fit]]:
-        """Fits of what changes gaps, from the vehicle file with it larger and smaller, by derivatives taken there.
-
-        Until much else is fitted no size of it explains anything, as impacts are elsewhere: a scan does not show it. A
-        lash elsewhere by 21 mrad was a smaller one, by 208 units of log evidence. So where nothing leads, or another
-        of them.
-        """
-        gaps = self.scan.gaps(self.causes)
-        if leader.causes and not set(leader.causes) & set(gaps):
-            return []
-        fresh = [cause for cause in gaps if not self.pool.is_near((cause,))]
-        return [lambda fit=fit: self._from_file(self.fitter.relinearise(fit))
-                for fit in self.scan.probes(self.file, fresh, SMALL)]
-
-    def _in_file(self, fit: Fit, causes: tuple[str, ...]) -> Fit | None:
-        """Some causes of a fit in the vehicle file, with derivatives taken there; None where it cannot be simulated."""
-        only = renamed(fit, causes)
-        shared, *points = (as_found(self.predictor, only, x) for x in (fit.shared, *fit.points))
-        start = self.fitter.placed(fit, causes, shared, points)
-        return start and self.fitter.assess(self.fitter.relinearise(start), self.pool.noise)
-
-    def _from_file(self, start: Fit, everything: bool = False) -> Fit:
-        """Fitted from the vehicle file with its causes in it, by everything or as ``brought_near``."""
-        cooled = self.fitter.cooled(start, self.pool.noise)
-        return self.pool.settled(cooled) if everything else self.pool.brought_near(cooled)
+    # -- what is fitted from the vehicle file anew ------------------------------------------------
 
     def _swapped(self, leader: Fit) -> bool:
         """Whether there was still something to put in place of a cause of the leader: scanned beside its others.
@@ -382,9 +221,8 @@ class Search:
         fits = []
         if len(leader.causes) <= SWAPPED_CAUSES:
             for gone in leader.causes:
-                fits += self._afresh(leader, leader.without(gone))
-        self.pool.enter(fits)
-        return bool(fits)
+                fits += self.afresh(leader, leader.without(gone))
+        return self._entered(fits)
 
     def _pushed_alike(self, leader: Fit) -> bool:
         """Whether what pushes like a cause of the leader had yet to be fitted in its place, as large as does the same.
@@ -395,7 +233,7 @@ class Search:
                  if cause not in leader.causes and push_alike([effect_of(gone)], [effect_of(cause)])}
         there = [self._in_place(leader, *swap)[0] for causes, swap in swaps.items() if causes not in self.instead]
         self.instead.update(swaps)
-        return self._fitted_anew([start for start in there if start])
+        return self._entered(self.afresh.by_everything(start for start in there if start))
 
     def _freed(self, leader: Fit) -> bool:
         """Whether what the leader has more of than healthy cars do had yet to be fitted as a cause, as large as it is.
@@ -411,13 +249,19 @@ class Search:
                 if c.cause in self.causes and c.run is None and abs(x) > _STRAINED * c.tolerance]
         fresh = {key((*leader.causes, cause)) for cause in more if cause not in leader.causes} - self.strained
         self.strained.update(fresh)
-        return self._fitted_anew([renamed(leader, causes) for causes in sorted(fresh)])
+        return self._entered(self.afresh.by_everything(renamed(leader, causes) for causes in sorted(fresh)))
 
-    def _fitted_anew(self, starts: Iterable[Fit]) -> bool:
-        """Whether any could be fitted from the vehicle file with its causes as they are, by everything."""
-        anew = [there for start in starts if (there := self._in_file(start, start.causes))]
-        self.pool.enter(self.predictor.at_once([partial(self._from_file, fit, everything=True) for fit in anew]))
-        return bool(anew)
+    def _entered(self, fits: Sequence[Fit]) -> bool:
+        """Whether there were any to take into the pool."""
+        self.pool.enter(fits)
+        return bool(fits)
+
+    # -- who cannot be told from the leader -------------------------------------------------------
+
+    def _close(self, leader: Fit, within: float = 0.0) -> list[Fit]:
+        """The leader and those that cannot be told from it, or are less behind than that [log evidence]; best first."""
+        leads = [(fit, trusted(leader.score - fit.score, leader, fit)) for fit in self.pool.worthy()]
+        return [fit for fit, lead in leads if lead < within or separation(lead, self.temper) < APART]
 
     def _needed(self, leader: Fit) -> Fit:
         """The fewest of a leader's causes, one at least, with which a supposition cannot be told from it.
@@ -427,13 +271,6 @@ class Search:
         """
         fewer = [fit for fit in self._close(leader) if fit.causes and set(fit.causes) < set(leader.causes)]
         return min(fewer, key=lambda fit: len(fit.causes), default=leader)
-
-    # -- who cannot be told from the leader -------------------------------------------------------
-
-    def _close(self, leader: Fit, within: float = 0.0) -> list[Fit]:
-        """The leader and those that cannot be told from it, or are less behind than that [log evidence]; best first."""
-        leads = [(fit, trusted(leader.score - fit.score, leader, fit)) for fit in self.pool.worthy()]
-        return [fit for fit, lead in leads if lead < within or separation(lead, self.temper) < APART]
 
     def _rivals_settled(self, leader: Fit) -> bool:
         """Whether rivals that cannot be told from the leader had yet to be settled by everything, as it is.
@@ -456,10 +293,10 @@ class Search:
         for fit in fresh:
             other = close[1] if fit is leader else leader
             elsewhere = self.challenge.start(other, fit.causes, self.fitter.judged(other, self.pool.noise))
-            anew = self._in_file(fit, fit.causes) if fit.causes else self.file
+            anew = self.afresh.in_file(fit, fit.causes) if fit.causes else self.file
             ways = [partial(self.pool.settled, elsewhere)]
             if anew is not None:
-                ways.append(partial(self._from_file, anew, everything=True))
+                ways.append(partial(self.afresh.from_file, anew, everything=True))
             ends = self.predictor.at_once(ways)
             best, second, *_ = sorted((end.score for end in (fit, *ends)), reverse=True)
             self.refitted[fit.causes] = best - second
@@ -526,34 +363,3 @@ class Search:
         return [fits[first], *fits[:first], *fits[first + 1:]]
 
 
-def trusted(lead: float, one: Fit, other: Fit) -> float:
-    """A lead of one supposition over another in log evidence, as far as it tells them apart."""
-    return lead / _PUSH_ALIKE if push_alike(one.effects, other.effects) else lead
-
-
-def tempered(scatter: float) -> float:
-    """By what differences in evidence are divided before they are odds.
-
-    A plant of another structure errs by some units. And the best of a few fits of a supposition is not the best there
-    is, but by about as much short of it as it is better than the next: the odds of a lead with such an error, normally
-    distributed (MacKay, *Neural Computation* 4 (1992), 720: of a logistic function's mean).
-
-    Args:
-        scatter: By how much the best of some fits of the same supposition is better than the next [log evidence].
-    """
-    return float(np.hypot(_TEMPER, np.sqrt(np.pi / 8.0) * scatter))
-
-
-def named_from(temper: float) -> float:
-    """Log evidence over the healthy car from which on a cause is named, if no other may be there."""
-    return -EFFECT + temper * float(np.log(1.0 / _NOTHING - 1.0))
-
-
-def separation(lead: float, temper: float = _TEMPER) -> float:
-    """A lead in log evidence as a distance [sigma]."""
-    return max(float(signed(lead, temper)), 0.0)
-
-
-def signed(lead: np.ndarray | float, temper: float = _TEMPER) -> np.ndarray:
-    """Leads as distances [sigma], negative behind."""
-    return np.sign(lead) * np.sqrt(2.0 * np.abs(lead) / temper)

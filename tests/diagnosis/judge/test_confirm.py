@@ -10,7 +10,7 @@ from cosim.diagnosis.fit.fitting import Fit
 from cosim.diagnosis.fit.predict import Predictor, coordinates
 from cosim.diagnosis.judge.confirm import FEWEST, Jury, words
 from cosim.diagnosis.plants import FullOrderCar
-from cosim.diagnosis.search.identify import Identification
+from cosim.diagnosis.search.identification import Identification
 
 SIZES = {SLIP: 2.0, MASS: np.log(0.8)}
 

@@ -12,7 +12,7 @@ from cosim.diagnosis.fit.predict import Predictor, coordinates
 from cosim.diagnosis.hidden import hide
 from cosim.diagnosis.judge import proposal
 from cosim.diagnosis.plants import FullOrderCar
-from cosim.diagnosis.search.identify import APART, LACKING
+from cosim.diagnosis.search.identification import APART, LACKING
 from cosim.measured import load
 
 ONCE = {1: 1}  # a manoeuvre is driven, and fitted

@@ -1,19 +1,14 @@
 """The search on plants of a few lines, whose landscapes are known."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.special import expit
-from scipy.stats import norm
-from vibration import CLOCK, DETECTION, Plant, WithPlay, WithStages, found
+from vibration import CLOCK, DETECTION, Plant, WithPlay, WithStages, found, leading
 
-from cosim.diagnosis import catalogue
 from cosim.diagnosis.search import identify
-from cosim.diagnosis.search.detectable import Shown
-from cosim.diagnosis.search.identify import APART, LACKING, Identification, Search, tempered
-from cosim.diagnosis.search.pool import SMALLEST, SWAPPED
+from cosim.diagnosis.search.identify import Search
+from cosim.diagnosis.search.pool import SMALLEST
 
 
 def test_where_nothing_is_hidden_nothing_is_found():
@@ -37,40 +32,13 @@ def test_a_cause_beyond_a_local_minimum_is_found():
     assert started.score < result.best.score - 20.0
 
 
-def test_a_leader_is_fitted_once_more_from_the_file():
-    """Where it has the right cause and size, but everything else is in another minimum: here a period off."""
-    search, result = found({"size": 0.3})
-    fitter, best = search.fitter, result.best
-    period = np.pi / 4.0 * np.eye(len(best.shared))[0]
-    bent = fitter.placed(best, best.causes, best.shared + period, [point + period for point in best.points])
-    bent = fitter.assess(fitter.refine(bent, result.noise), result.noise)
-    assert bent.score < best.score - 100.0
-    search.scanned.clear()
-    again, *scanned = search._afresh(bent, bent.causes)
-    assert again.score == pytest.approx(best.score, abs=1.0) and again.near
-    assert scanned and all("size" in fit.causes and len(fit.causes) == 2 for fit in scanned)
-    assert search._afresh(bent, bent.causes) == []  # once
-
-
-def test_beside_a_leader_fitted_from_the_file_a_cause_beyond_a_local_minimum_is_found():
-    """More than half a period away: from where the leader is bent about what is missing no step leads there."""
-    search, result = found({"size": 0.3, "phase": 0.5})
-    assert result.best.causes == ("phase", "size")
-    start = replace(search.fitter.nominal(), causes=("size",))
-    leader = search.fitter.settle(search.fitter.assess(start, result.noise), result.noise)
-    search.scanned.clear()
-    _, *scanned = search._afresh(leader, leader.causes)
-    settled = [search.fitter.settle(fit, result.noise) for fit in scanned if "phase" in fit.causes]
-    assert max(fit.score for fit in settled) == pytest.approx(result.best.score, abs=1.0)
-
-
 def test_everything_is_scanned_beside_a_leader_and_in_place_of_each_of_its_causes():
     search, result = found({"size": 0.3, "curve": 0.8})
     assert result.best.causes == ("curve", "size")
-    assert {("curve", "size"), ("curve",), ("size",)} <= search.scanned
+    assert {("curve", "size"), ("curve",), ("size",)} <= search.afresh.scanned
     assert not search._swapped(result.best)  # nothing is left to scan
-    search.scanned.clear()
-    assert search._swapped(result.best) and search.scanned == {("curve",), ("size",)}
+    search.afresh.scanned.clear()
+    assert search._swapped(result.best) and search.afresh.scanned == {("curve",), ("size",)}
 
 
 def test_beside_a_cause_that_may_as_well_not_be_there_nothing_is_searched():
@@ -85,8 +53,8 @@ def test_beside_a_cause_that_may_as_well_not_be_there_nothing_is_searched():
     assert search._needed(leader) is fits["size",]
     fits[()].score = fits["size",].score + 1.0
     assert search._needed(fits["size",]) is fits["size",]
-    search.scanned.clear()
-    assert search._swapped(search._needed(leader)) and search.scanned == {()}
+    search.afresh.scanned.clear()
+    assert search._swapped(search._needed(leader)) and search.afresh.scanned == {()}
 
 
 def test_where_no_cause_explains_a_recording_two_are_tried_at_once():
@@ -98,60 +66,6 @@ def test_where_no_cause_explains_a_recording_two_are_tried_at_once():
     leader = search.pool.worthy()[0]
     assert leader.causes == ("phase", "size") and not search.pool.doubtful
     assert leader.shared[:2] == pytest.approx([0.5, 0.5], abs=0.02)
-
-
-def test_in_place_of_a_single_cause_every_other_is_fitted_by_derivatives_of_its_own():
-    search, result = found({"phase": 0.2})
-    assert () in search.scanned and search._afresh(result.best, ()) == []
-    search.scanned.clear()
-    others = search._afresh(result.best, ())
-    assert len(others) > 1 and all(fit.near and len(fit.causes) <= 1 for fit in others)
-    assert search.pool.fits.keys() >= {fit.causes for fit in others}
-
-
-def test_what_does_nothing_while_small_is_fitted_from_the_size_that_was_scanned_as_well(monkeypatch):
-    """From the one it was found with it may end in another minimum: here at a limit."""
-    search, result = found({"phase": 0.5})
-    search.scanned.clear()
-    assert search._as_scanned(("phase",)) == []
-    monkeypatch.setattr(search.scan, "silent", list)
-    off = leading(search, result.best, {"phase": -1.0})
-    as_found, as_scanned, *_ = search._afresh(off, ("phase",))
-    assert as_found.causes == as_scanned.causes == ("phase",)
-    assert as_found.score < result.best.score - 20.0
-    assert as_scanned.score == pytest.approx(result.best.score, abs=1.0) and as_scanned.near
-    assert search._as_scanned(("phase", "size")) == []
-
-
-def test_what_may_stand_in_place_of_the_leader_is_fitted_by_everything(monkeypatch):
-    """Not what has all of the leader's causes, nor what is far behind it, nor what is too small."""
-    search, result = found({"phase": 0.2})
-    start, other = search.opened[0], replace(result.best, causes=("size",))
-    assert start.causes == ("phase",)
-    fit = search._by_its_own(start, other)
-    assert fit.settled and fit.score == pytest.approx(result.best.score, abs=1.0)
-    for leader in (result.best, result.healthy, replace(other, score=other.score + 1.1 * SWAPPED)):
-        fit = search._by_its_own(start, leader)
-        assert fit.near and not fit.settled
-    monkeypatch.setattr("cosim.diagnosis.search.pool.SMALLEST", 1e3)
-    assert not search._by_its_own(start, other).settled
-
-
-def test_what_changes_gaps_is_fitted_from_the_file_to_either_side():
-    """Also where a scan shows nothing of it; not again where it is settled, nor beside a leader of another kind."""
-    search, result = found({"phase": 0.2})
-    assert search._of_gaps(result.healthy) == []
-    phase = search.coordinates[0]
-    search.coordinates[0] = replace(phase, parameter=replace(phase.parameter, targets=("a.half_gap", "b.half_gap")))
-    assert search.scan.gaps(["phase", "size"]) == ["phase"] and search._of_gaps(result.healthy) == []
-    del search.pool.fits["phase",]
-    assert search._of_gaps(replace(result.healthy, causes=("size",))) == []
-    assert len(search._of_gaps(result.best)) == 2
-    fits = [fit() for fit in search._of_gaps(result.healthy)]
-    assert all(fit.causes == ("phase",) and fit.near for fit in fits) and len(fits) == 2
-    assert max(fit.score for fit in fits) == pytest.approx(result.best.score, abs=1.0)
-    search.scanned.clear()
-    assert len(search._afresh(result.healthy, ())) >= 3
 
 
 def test_who_cannot_be_told_from_the_leader_is_settled_as_it_is():
@@ -180,71 +94,6 @@ def test_who_is_near_the_leader_is_fitted_in_further_ways_once():
     assert not search._once_more(leader)
 
 
-@pytest.mark.parametrize("lead, best", [(-5.0, ()), (1.2, ()), (1.6, ("drag",)), (30.0, ("drag",))])
-def test_a_cause_is_named_that_is_twice_as_likely_as_nothing(lead, best):
-    """Odds of 2 are a lead of 1.39, tempered by 2."""
-    healthy, drag = (SimpleNamespace(causes=causes, effects=causes, score=score, hope=score, near=True, shared=[])
-                     for causes, score in (((), 0.0), (("drag",), lead)))
-    first, second = (drag, healthy) if lead > 0.0 else (healthy, drag)
-    found = Identification(first, [first, second], healthy, None, [], [], {})
-    named = found.significant()
-    assert named.best.causes == best and named.alternatives[0] is named.best
-    assert {fit.causes: share for fit, share in zip(named.alternatives, named.shares())} == pytest.approx(
-        {fit.causes: share for fit, share in zip(found.alternatives, found.shares())})
-
-
-@pytest.mark.parametrize("size, significant", [(0.9, False), (1.1, True), (-1.9, False), (-2.1, True)])
-def test_no_cause_is_named_that_is_smaller_than_the_recordings_show(size, significant):
-    """However far it leads: its own size cannot be the reason."""
-    drag = SimpleNamespace(cause="drag", name="drag", phase="")
-    healthy, dragged = (SimpleNamespace(causes=causes, effects=causes, score=score, hope=score, near=True,
-                                        shared=np.array([size])) for causes, score in (((), 0.0), (("drag",), 9.0)))
-    found = Identification(dragged, [dragged, healthy], healthy, None, [], [drag], {0: Shown(2.0, 1.0, 1.7)})
-    assert found.significant().best.causes == (("drag",) if significant else ())
-
-
-def test_two_that_do_the_same_are_two_chances_that_something_is_there():
-    """Each may be smaller than what shows of one alone."""
-    coordinates = [SimpleNamespace(cause=cause, name=cause, phase="") for cause in ("slope", "tilt")]
-    healthy, slope, tilt = (SimpleNamespace(causes=causes, effects=causes, score=score, hope=score, near=True,
-                                            shared=np.array([0.91, 0.97]))
-                            for causes, score in (((), 0.0), (("slope",), 2.0), (("tilt",), 2.0)))
-    shown = {0: Shown(1.0, 1.0, 1.7), 1: Shown(1.0, 1.0, 1.7)}
-    rivals = Identification(slope, [slope, tilt, healthy], healthy, None, [], coordinates, shown)
-    assert rivals.significant().best is healthy
-    same = replace(rivals, alike=[("tilt", "slope")])
-    assert same.significant() is same
-
-
-@pytest.mark.parametrize("sizes, needed", [((1.2, 1.3), LACKING), ((1.2, 0.8), APART), ((0.8, 0.8), APART)])
-def test_a_further_cause_that_is_smaller_than_would_show_has_to_be_as_far_ahead_as_another_cause(sizes, needed):
-    """One that is large enough only has to be likelier than not there."""
-    coordinates = [SimpleNamespace(cause=cause, name=cause, phase="") for cause in ("lash", "shaft")]
-    both, lash = (SimpleNamespace(causes=causes, shared=np.array(sizes)) for causes in (("lash", "shaft"), ("lash",)))
-    shown = {0: Shown(1.0, 1.0, 1.7), 1: Shown(1.0, 1.0, 1.7)}
-    found = Identification(both, [both, lash], lash, None, [], coordinates, shown)
-    assert found.told_without(lash) == needed
-
-
-def test_where_fits_of_the_same_supposition_differ_a_lead_counts_for_less():
-    search, result = found({"phase": 0.2})
-    far = replace(result.best, causes=("curve",), score=result.best.score - 15.0, near=False)
-    sure = at(result, result.best, far)
-    search.refitted |= {("curve",): 14.0, ("phase",): 8.0, ("size",): 0.5}
-    doubtful = replace(sure, temper=search.temper)
-    assert search.temper == tempered(8.0) and sure.apart(far) > APART > doubtful.apart(far) > 0.0
-    assert sure.shares()[1] < 0.01 < doubtful.shares()[1] < 0.5
-
-
-@pytest.mark.parametrize("scatter", [0.0, 2.0, 8.0])
-@pytest.mark.parametrize("lead", [1.0, 9.0, 30.0])
-def test_odds_are_those_of_a_lead_with_an_error(scatter, lead):
-    """The mean of what it would be with every error."""
-    errors = scatter * norm.ppf((np.arange(4000) + 0.5) / 4000)
-    mean = float(np.mean(expit((lead + errors) / tempered(0.0))))
-    assert float(expit(lead / tempered(scatter))) == pytest.approx(mean, abs=0.02)
-
-
 def test_what_derivatives_do_not_show_is_scanned():
     assert set(Search(WithPlay({"size": 0.4, "curve": 0.5}), lambda text: None).run().best.causes) == {"size", "curve"}
 
@@ -256,7 +105,7 @@ def test_a_leader_is_settled_by_everything_only_after_everything_was_scanned_bes
 
     def seen(fit, noise, everything=True):
         if everything:
-            settled.append((fit.causes, fit.causes in search.scanned))
+            settled.append((fit.causes, fit.causes in search.afresh.scanned))
         return settle(fit, noise, everything)
 
     monkeypatch.setattr(search.fitter, "settle", seen)
@@ -292,35 +141,6 @@ def test_causes_that_do_the_same_stand_side_by_side():
     first, second = result.alternatives[:2]
     assert {first.causes, second.causes} == {("slope",), ("tilt",)}
     assert abs(first.score - second.score) < 1.0
-
-
-def at(result, *fits):
-    """A result with other fits, the first of them the best."""
-    return replace(result, best=fits[0], alternatives=list(fits))
-
-
-def test_a_rival_in_a_worse_minimum_is_not_refuted():
-    """Its own derivatives promise what its fit did not reach; as long as they were taken where it is."""
-    _, result = found({"size": 0.3})
-    best = result.best
-    short = replace(best, causes=("curve",), score=best.score - 20.0, hope=best.hope + 5.0, near=True)
-    half = replace(short, hope=best.hope - 4.0)
-    stale, real = replace(short, near=False), replace(short, hope=best.hope - 18.0)
-    leads = [at(result, best, fit).lead(fit) for fit in (short, half, stale, real)]
-    assert leads == pytest.approx([0.0, 4.0, 20.0, 18.0])
-    assert at(result, best, short).shares() == pytest.approx([0.5, 0.5])
-    assert at(result, best, real).shares()[1] < 1e-3
-
-
-def test_between_effects_that_push_alike_a_lead_counts_for_less(monkeypatch):
-    """A plant of another structure does otherwise where they differ."""
-    monkeypatch.setattr(catalogue, "CATALOGUE", {"slope": SimpleNamespace(pushes_like=("tilt",))})
-    _, result = found({"size": 0.3})
-    best = replace(result.best, causes=("size", "slope"), near=False)
-    rivals = [replace(best, causes=causes, score=best.score - 12.0)
-              for causes in (("size", "tilt"), ("size",), ("slope", "tilt"), ("curve", "slope"))]
-    assert [at(result, best, fit).lead(fit) for fit in rivals] == pytest.approx([6.0, 12.0, 12.0, 12.0])
-    assert [at(result, best, fit).apart(fit) < APART for fit in rivals] == [True, False, False, False]
 
 
 def test_what_pushes_like_a_cause_of_the_leader_is_fitted_as_well_as_the_leader(monkeypatch):
@@ -377,21 +197,6 @@ def test_what_does_nothing_while_small_is_tried_at_a_size_beside_a_leader():
     fitted = set(search.pool.fits)
     search.probed.clear()
     assert not search._probed(best) and set(search.pool.fits) == fitted  # it promises nothing
-
-
-def leading(search, fit, changes):
-    """A fit with some sizes changed, as if it had been settled there."""
-    def changed(vector):
-        vector = vector.copy()
-        for cause, size in changes.items():
-            vector[search.predictor.index(cause)] = size
-        return vector
-
-    causes = tuple(sorted(changes))
-    there = search.fitter.placed(fit, causes, changed(fit.shared), [changed(point) for point in fit.points])
-    there = replace(search.fitter.assess(there, search.pool.noise), near=True, settled=True)
-    search.pool.fits[causes] = there
-    return there
 
 
 def test_a_leader_is_better_with_a_cause_that_is_larger():
