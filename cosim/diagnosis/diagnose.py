@@ -34,7 +34,7 @@ from cosim.diagnosis.plants import FullOrderCar, InstrumentedPlant, RigidPlant, 
 from cosim.diagnosis.plants.car import PLACES
 from cosim.diagnosis.search.identification import APART, Identification
 from cosim.diagnosis.search.identify import Search
-from cosim.diagnosis.show.residuals import repeatable, wrong
+from cosim.diagnosis.show.residuals import wrong
 from cosim.files import write_text
 from cosim.measured import Measurement, load
 
@@ -130,7 +130,7 @@ def _reserve(runs: list[Run]) -> tuple[list[Run], list[Run]]:
     """
     if len(runs) < 3:
         return runs, []
-    kinds = [repeatable(run) for run in runs]
+    kinds = [run.manoeuvre for run in runs]
     repeated = [i for i, kind in enumerate(kinds) if kind and kind in kinds[i + 1:]]
     chosen = repeated[-1] if repeated else int(np.argmin([np.std(run.inputs[:, 0]) for run in runs[:-1]]))
     return [run for i, run in enumerate(runs) if i != chosen], [runs[chosen]]

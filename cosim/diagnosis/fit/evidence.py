@@ -3,9 +3,10 @@
 Near a point of its own, a run's whitened residuals are linear in the coordinates, z = J v + e with white e. The
 run's own nuisances are projected out. What is left, v, is not quite the u that all runs share: a plant of another
 structure is not described by one stiffness in all manoeuvres, however exactly each run may fix it. So v = u + d
-with d ~ N(0, D), and no run says more of u than D allows. The coordinates have Gaussian priors: narrow (their
-tolerance in a healthy car), wide for those of the effects that are supposed to be the cause. With these every
-supposition has its evidence in closed form.
+with d ~ N(0, D), and no run says more of u than D allows. Runs of the same manoeuvre have the same d: k of them
+say no more than one would without noise, which each says that has a D of k times as much. The coordinates have
+Gaussian priors: narrow (their tolerance in a healthy car), wide for those of the effects that are supposed to
+be the cause. With these every supposition has its evidence in closed form.
 """
 
 from __future__ import annotations
@@ -32,9 +33,14 @@ def prior(coordinates: Sequence[Coordinate], causes: Iterable[str]) -> np.ndarra
     return np.array([c.spread if c.cause in causes else c.tolerance for c in coordinates])
 
 
-def heterogeneity(coordinates: Sequence[Coordinate]) -> np.ndarray:
-    """Standard deviation of d for every coordinate; none for those of one run."""
-    return np.array([0.0 if c.run is not None else HETEROGENEITY * c.parameter.detection if c.effect
+def heterogeneity(coordinates: Sequence[Coordinate], repeats: int = 1) -> np.ndarray:
+    """Standard deviation of d for every coordinate of a run, as if it had a d of its own; none for those of one run.
+
+    Args:
+        coordinates: Of the run.
+        repeats: How many runs are of its manoeuvre, and have the same d.
+    """
+    return np.sqrt(repeats) * np.array([0.0 if c.run is not None else HETEROGENEITY * c.parameter.detection if c.effect
                      else 0.5 * c.tolerance for c in coordinates])
 
 
@@ -82,24 +88,24 @@ class Layout:
 
     Args:
         coordinates: All of them.
-        runs: How many runs.
+        repeats: Of each run, how many are of its manoeuvre, itself among them.
 
     Attributes:
         shared, own: Places of the shared coordinates and of each run's own.
         columns: Those a run depends on.
         low, high: Plausible range of all coordinates.
-        deviation: By how much a run's may differ from the shared ones, one sigma.
+        deviations: By how much a run's may differ from the shared ones, one sigma, of each run.
         precision: Inverse prior covariance of each run's own.
     """
 
-    def __init__(self, coordinates: Sequence[Coordinate], runs: int) -> None:
+    def __init__(self, coordinates: Sequence[Coordinate], repeats: Sequence[int]) -> None:
         self.coordinates = list(coordinates)
         self.shared = np.array([i for i, c in enumerate(coordinates) if not c.nuisance])
         self.own = [np.array([i for i, c in enumerate(coordinates) if c.nuisance and c.run == r])
-                    for r in range(runs)]
+                    for r in range(len(repeats))]
         self.columns = [np.concatenate([self.shared, own]) for own in self.own]
         self.low, self.high = (np.array([getattr(c, end) for c in coordinates]) for end in ("low", "high"))
-        self.deviation = heterogeneity([coordinates[i] for i in self.shared])
+        self.deviations = [heterogeneity([coordinates[i] for i in self.shared], count) for count in repeats]
         self.precision = [self._precision(own) for own in self.own]
 
     def _precision(self, own: np.ndarray) -> np.ndarray:
@@ -134,7 +140,7 @@ class Slopes:
         self.information = square[:n, :n] - self.cross.T @ self.inverse @ self.cross
         self.log_determinant = 2.0 * float(np.sum(np.log(np.abs(np.diag(factor[0]))))) - float(
             np.linalg.slogdet(layout.precision[run])[1])
-        d = layout.deviation
+        d = layout.deviations[run]
         # of I + D^1/2 A D^1/2, and (D^-1 + A)^-1 in a form that allows for D = 0
         self.factor = cholesky(np.eye(n) + d[:, None] * self.information * d, lower=True)
         self.loose = d[:, None] * cho_solve((self.factor, True), np.diag(d))
@@ -147,7 +153,7 @@ class Slopes:
 
         As told - A (D^-1 + A)^-1 told it would be a small difference of large numbers where a run is sharp.
         """
-        d = self.layout.deviation[:, None]
+        d = self.layout.deviations[self.run][:, None]
         columns = told.reshape(d.size, -1)
         part = cho_solve((self.factor, True), d * columns)
         return np.divide(part, d, out=columns - self.information @ (d * part), where=d > 0.0).reshape(told.shape)
@@ -185,8 +191,9 @@ class Seen:
         """The most probable plausible coordinates of the run, given the shared ones; all others 0."""
         s, layout = self.slopes, self.slopes.layout
         v = shared + s.loose @ (self.exact - s.information @ shared)
-        free = layout.deviation > 0.0  # those that are not have no part in the factor of the others
-        d, best, low, high = (x[free] for x in (layout.deviation, v - shared, layout.low[layout.shared] - shared,
+        deviation = layout.deviations[s.run]
+        free = deviation > 0.0  # those that are not have no part in the factor of the others
+        d, best, low, high = (x[free] for x in (deviation, v - shared, layout.low[layout.shared] - shared,
                                                 layout.high[layout.shared] - shared))
         v[free] = shared[free] + d * within(s.factor[np.ix_(free, free)], best / d, low / d, high / d)
         result = np.zeros(len(layout.coordinates))

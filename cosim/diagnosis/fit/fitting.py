@@ -106,7 +106,7 @@ class Fitter:
 
     def __init__(self, predictor: Predictor) -> None:
         self.predictor, self.coordinates = predictor, predictor.coordinates
-        self.layout = Layout(self.coordinates, len(predictor.runs))
+        self.layout = Layout(self.coordinates, predictor.repeats)
         self.measured = [run.stacked for run in predictor.runs]
         self.scale = np.array([c.tolerance for c in self.coordinates])
 
@@ -219,10 +219,10 @@ class Fitter:
         """A run's part of minus twice the log posterior density."""
         if predicted is None:
             return np.inf
-        layout = self.layout
+        layout, deviation = self.layout, self.layout.deviations[run]
         own = point[layout.own[run]]
-        loose = layout.deviation > 0.0
-        apart = (point - shared)[layout.shared][loose] / layout.deviation[loose]
+        loose = deviation > 0.0
+        apart = (point - shared)[layout.shared][loose] / deviation[loose]
         return (float(np.sum(noise.whiten(run, self.measured[run] - predicted) ** 2))
                 + float(own @ layout.precision[run] @ own) + float(apart @ apart))
 

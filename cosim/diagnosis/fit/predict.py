@@ -188,6 +188,12 @@ class Predictor:
         """How many effects could be found."""
         return len({c.effect for c in self.coordinates if c.effect})
 
+    @property
+    def repeats(self) -> list[int]:
+        """Of each run, how many are of its manoeuvre, itself among them."""
+        driven = [run.manoeuvre for run in self.runs]
+        return [driven.count(manoeuvre) if manoeuvre else 1 for manoeuvre in driven]
+
     def index(self, cause: str) -> list[int]:
         """Where the parameters of a cause are among the coordinates."""
         return [i for i, c in enumerate(self.coordinates) if c.cause == cause]

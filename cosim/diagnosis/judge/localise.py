@@ -138,7 +138,7 @@ class _Supposed:
                  for name, slopes in slopes_of(predictor, fit, place, {
                      name: self.followed[name] for name in quick_at(place)}).items()}
         bends = {(place, name): bent(place, name, knots_of(name, self.signals), loaded) for place, name in BENDS}
-        layout = Layout(predictor.coordinates, len(self.runs))
+        layout = Layout(predictor.coordinates, predictor.repeats)
         healthy = [Healthy(layout, r, fit, (run.stacked - fit.predicted[r]) / scale, scale,
                            [sizes * moved[which][r] for which, sizes in bends.items()])
                    for r, (run, scale) in enumerate(zip(self.runs, scales))]

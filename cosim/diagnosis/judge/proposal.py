@@ -11,7 +11,7 @@ from scipy.stats import norm
 
 from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.effect import SLOPE
-from cosim.diagnosis.fit.evidence import Evidence, Slopes, prior
+from cosim.diagnosis.fit.evidence import Evidence, Layout, Slopes, prior
 from cosim.diagnosis.fit.fitting import Fit, Fitter, as_found
 from cosim.diagnosis.fit.noise import Noise
 from cosim.diagnosis.fit.predict import Coordinate, Predictor, coordinates
@@ -108,17 +108,21 @@ def propose(fitter: Fitter, found: Identification, rivals: Sequence[Fit],
     now, likely = -behind - _log_evidence(evidence, fits), np.exp(-0.5 * signed(behind, found.temper) ** 2)
     best: Proposal | None = None
     given = _given(predictor.car, _ENGINE_SPEED)
+    driven = [run.manoeuvre for run in predictor.runs]
     for kind, (gears, wanted, corners) in _PROFILES.items():
         torque = min(wanted, given)
         for gear in _drivable(predictor.car, gears, torque):
             speed = _ENGINE_SPEED * predictor.car.rolling(gear)["engine_speed"]
             run = _candidate(predictor.car, predictor.runs[0], kind, corners, gear, torque, speed)
             try:
-                square = information(predictor, noise, run, one)[np.ix_(shared, shared)]
+                there = {back: driven.count((kind, gear, back)) for back in ways}
+                counts = {count + fitted for count in there.values() for fitted in drives.values()}
+                squares = information(predictor, noise, run, one, counts)
                 unseen = _unseen(predictor, noise, run, one, wide)
             except (ArithmeticError, InputError):
                 continue
             for (back, signs), (times, fitted) in itertools.product(ways.items(), drives.items()):
+                square = squares[there[back] + fitted][np.ix_(shared, shared)]
                 told = fitted * signs[:, None] * square * signs
                 apart = _apart(evidence, told, shared, fits, now, found.temper)
                 apart[0] = np.minimum(apart[0], unseen)
@@ -247,10 +251,22 @@ def _candidate(car: FullOrderCar, example: Run, kind: str, corners: Sequence[tup
     return Run(kind, kind, gear, 0.0, inputs, speed, clocks, {})
 
 
-def information(predictor: Predictor, noise: Noise, run: Run, one: Fit) -> np.ndarray:
+def information(predictor: Predictor, noise: Noise, run: Run, one: Fit,
+                counts: Iterable[int]) -> dict[int, np.ndarray]:
     """What a run that is not driven yet would say of the shared coordinates, near a supposition.
 
-    Its own nuisances are projected out; what swings in it alone says nothing.
+    Its own nuisances are projected out; what swings in it alone says nothing. The more runs there are of its manoeuvre
+    the less each says: what a plant of another structure errs by is the same in all of them.
+
+    Args:
+        predictor: Of the runs there are.
+        noise: Of these.
+        run: What would be driven.
+        one: The supposition.
+        counts: How many runs of its manoeuvre there would be.
+
+    Returns:
+        For each of these.
 
     Raises:
         ArithmeticError, InputError: It cannot be simulated.
@@ -268,12 +284,15 @@ def information(predictor: Predictor, noise: Noise, run: Run, one: Fit) -> np.nd
     with Predictor(car, [run], declared, predictor.workers) as alone:
         fitter = Fitter(alone)
         fit = fitter.at(np.array([supposed[places[_identity(c)]] if c.run is None else 0.0 for c in declared]))
-        capped = Slopes(fitter.layout, 0, fitter.noise(fit).whiten(0, fit.tangents[0].jacobian)).capped
+        whitened = fitter.noise(fit).whiten(0, fit.tangents[0].jacobian)
     common = [k for k, i in enumerate(fitter.layout.shared) if declared[i].run is None]
     there = [places[_identity(declared[fitter.layout.shared[k]])] for k in common]
-    everything = np.zeros((len(predictor.coordinates), len(predictor.coordinates)))
-    everything[np.ix_(there, there)] = capped[np.ix_(common, common)]
-    return everything
+    told = {}
+    for count in counts:
+        capped = Slopes(Layout(declared, [count]), 0, whitened).capped
+        told[count] = np.zeros((len(predictor.coordinates), len(predictor.coordinates)))
+        told[count][np.ix_(there, there)] = capped[np.ix_(common, common)]
+    return told
 
 
 def _identity(coordinate: Coordinate) -> tuple[str, str, int | None]:

@@ -70,7 +70,7 @@ class Curves:
         twists = [signals_of(base, over, r)[VARIABLE] for r in range(len(base.runs))]
         knots = np.linspace(min(map(np.min, twists)), max(map(np.max, twists)), KNOTS)
         car = BentCar.like(base.car)
-        self.noise, self._before = noise, Layout(base.coordinates, len(base.runs)).shared.size
+        self.noise, self._before = noise, Layout(base.coordinates, base.repeats).shared.size
         self.predictor = Predictor(car, [car.bent(run, knots) for run in base.runs],
                                    [*base.coordinates, *rises(knots)], base.workers)
         self.fitter, self.knots = Fitter(self.predictor), knots

@@ -158,7 +158,7 @@ def beside_unknown(causes: Sequence[dict[str, Any]], confirmed: Collection[str])
 
 def _parameters(predictor: Predictor, fit: Fit, effect: str) -> dict[str, dict[str, Any]]:
     """The numbers of an effect as a fit has them, with 90 % intervals."""
-    shared = {int(i): k for k, i in enumerate(Layout(predictor.coordinates, 0).shared)}
+    shared = {int(i): k for k, i in enumerate(Layout(predictor.coordinates, ()).shared)}
     deviations = np.sqrt(np.diag(fit.posterior.covariance))
     result: dict[str, dict[str, Any]] = {}
     for i, c in enumerate(predictor.coordinates):

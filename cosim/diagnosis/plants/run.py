@@ -70,6 +70,15 @@ class Run:
     gaps: tuple[Gap, ...] = ()
 
     @property
+    def manoeuvre(self) -> tuple[str, int, bool] | None:
+        """What repeats of a run have in common with it: the kind of manoeuvre, the gear and the way; None: it has none.
+
+        Where the kind is not written nobody knows what was driven, and every stretch of a drive is another road. What
+        the road's slope does in one direction it does the other way round in the other.
+        """
+        return (self.kind, self.gear, self.back) if self.kind not in ("", "drive") else None
+
+    @property
     def time(self) -> np.ndarray:
         """Instants [s] of the simulated outputs."""
         return ends(self.start, len(self.inputs))

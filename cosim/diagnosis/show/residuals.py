@@ -102,15 +102,6 @@ class _Row:
         return self.measured - float(np.mean(self.healthy))
 
 
-def repeatable(run: Run) -> tuple[str, int, bool] | None:
-    """What repeats of a run have in common with it: the kind of manoeuvre, the gear and the way; None: it has none.
-
-    Where the kind is not written nobody knows what was driven, and every stretch of a drive is another road. What the
-    road's slope does in one direction it does the other way round in the other.
-    """
-    return (run.kind, run.gear, run.back) if run.kind not in ("", "drive") else None
-
-
 def wrong(runs: Sequence[Run], nominal: Sequence[np.ndarray], healthy: Sequence[Sequence[np.ndarray]],
           firing_order: float = Reader.firing_order, each: Each = map) -> list[Wrong]:
     """Every feature in which recordings differ from the vehicle file by more than a healthy car would.
@@ -137,7 +128,7 @@ def wrong(runs: Sequence[Run], nominal: Sequence[np.ndarray], healthy: Sequence[
     tests = []
     for key, found in rows.items():
         for row in found:
-            _judge(row, *scatter.get((repeatable(runs[row.run]), key), (0.0, 0)))
+            _judge(row, *scatter.get((runs[row.run].manoeuvre, key), (0.0, 0)))
         tests += [(row.p, key) for row in found] + [(p, key) for p in _together(found)]
     surest: dict[Key, float] = {}
     corrected = 0.0
@@ -176,7 +167,7 @@ def _repeats(runs: Sequence[Run], rows: Mapping[Key, Sequence[_Row]]) -> dict[tu
     and its degrees of freedom."""
     groups: dict[tuple, list[float]] = defaultdict(list)
     for row in itertools.chain(*rows.values()):
-        if common := repeatable(runs[row.run]):
+        if common := runs[row.run].manoeuvre:
             groups[(common, row.key)].append(row.measured - row.simulated)
     return {key: (float(np.std(values, ddof=1)), len(values) - 1)
             for key, values in groups.items() if len(values) > 1}
@@ -253,7 +244,7 @@ def _wrong(rows: Sequence[_Row], p: float, readers: Sequence[Reader], nominal: S
     ends = [float(invert(row.measured + side * reach)) for side in (-1.0, 1.0)]
     own = kind.one_sided
     low, high = ends if own else (simulated - ends[1], simulated - ends[0])
-    repeated, freedom = scatter.get((repeatable(run), row.key), (0.0, 0))
+    repeated, freedom = scatter.get((run.manoeuvre, row.key), (0.0, 0))
     floor = repeated * (measured if kind.log else 1.0) if freedom else _bootstrap(reader, row.key)
     residual = run.stacked - nominal[row.run]
     whiteness, effective = coloured(residual[run.slices[signal.split(" over ")[0]]])

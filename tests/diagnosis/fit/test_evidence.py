@@ -25,7 +25,7 @@ def problem():
     coordinates = [coordinate("a", "one", None, 0.1, 1.5), coordinate("b", "two", None, 0.2, 0.9),
                    coordinate("c", "two", None, 0.05, 0.7)]
     coordinates += [coordinate("start", "", r, 0.3, 0.3) for r in range(RUNS)]
-    layout = Layout(coordinates, RUNS)
+    layout = Layout(coordinates, [1] * RUNS)
     jacobians = [random.standard_normal((SAMPLES, len(coordinates))) for _ in range(RUNS)]
     for r, j in enumerate(jacobians):
         j[:, [3 + k for k in range(RUNS) if k != r]] = 0.0
@@ -89,11 +89,36 @@ def test_the_most_probable_point_within_bounds_is_the_one_a_minimiser_finds(seed
 
 def test_however_sharp_a_run_says_no_more_than_heterogeneity_allows(problem):
     coordinates, jacobians, targets, _ = problem
-    layout = Layout(coordinates, RUNS)
+    layout = Layout(coordinates, [1] * RUNS)
     seen = [Slopes(layout, r, 1e3 * j[:, layout.columns[r]]).seen(1e3 * z, np.zeros(len(coordinates)))
             for r, (j, z) in enumerate(zip(jacobians, targets))]
     deviations = np.sqrt(np.diag(Evidence(seen).posterior(prior(coordinates, ("one", "two"))).covariance))
-    assert np.all(deviations > 0.95 * layout.deviation / np.sqrt(RUNS) * np.array([1.0, 1.0, 1.0]))
+    assert np.all(deviations > 0.95 * layout.deviations[0] / np.sqrt(RUNS) * np.array([1.0, 1.0, 1.0]))
+
+
+def test_what_a_manoeuvre_says_that_is_repeated_is_what_runs_say_that_err_alike():
+    """To the dense Gaussian, where each repeat shows the same: three runs have one d, and a fourth has its own."""
+    random = np.random.default_rng(4)
+    coordinates = [coordinate("a", "one", None, 0.1, 1.5), coordinate("b", "two", None, 0.2, 0.9)]
+    coordinates += [coordinate("start", "", r, 0.3, 0.3) for r in range(4)]
+    layout, apart = Layout(coordinates, [3, 3, 3, 1]), heterogeneity(coordinates)[:2]
+    repeated, other, start = (random.standard_normal((SAMPLES, n)) for n in (2, 2, 1))
+    shared = [repeated, repeated, repeated, other]
+    targets = random.standard_normal((4, SAMPLES)) + 0.2 * repeated[:, 0]
+    evidence = Evidence([Slopes(layout, r, np.column_stack([slopes, start])).seen(z, np.zeros(6))
+                         for r, (slopes, z) in enumerate(zip(shared, targets))])
+
+    def dense(spread):
+        err = [[np.diag(spread[:2] ** 2 + (r == s or max(r, s) < 3) * apart**2) for s in range(4)] for r in range(4)]
+        covariance = np.block([[shared[r] @ err[r][s] @ shared[s].T for s in range(4)] for r in range(4)])
+        covariance += np.eye(4 * SAMPLES) + np.kron(np.eye(4), 0.3**2 * start @ start.T)
+        return multivariate_normal.logpdf(targets.ravel(), cov=covariance)
+
+    healthy = prior(coordinates, ())
+    for causes in (("one",), ("two",), ("one", "two")):
+        spread = prior(coordinates, causes)
+        here = evidence.posterior(spread).log_evidence - evidence.posterior(healthy).log_evidence
+        assert here == pytest.approx(dense(spread) - dense(healthy), abs=1e-6)
 
 
 def test_causes_that_do_almost_the_same_are_almost_equally_evident_however_sharp_they_are():
@@ -102,7 +127,7 @@ def test_causes_that_do_almost_the_same_are_almost_equally_evident_however_sharp
     coordinates = [coordinate(name, name, None, 0.08, 1.0) for name in ("a", "b", "c")]
     coordinates.append(coordinate("start", "", 0, 0.3, 0.3))
     one, other, apart = 100.0 * random.standard_normal((3, 9000)).astype(np.float32)
-    slopes = Slopes(Layout(coordinates, 1), 0, np.column_stack([one, one + 1e-3 * apart, other, apart]))
+    slopes = Slopes(Layout(coordinates, [1]), 0, np.column_stack([one, one + 1e-3 * apart, other, apart]))
     assert np.linalg.eigvalsh(slopes.capped).min() >= 0.0
     evidence = Evidence([slopes.seen(0.4 * one.astype(float) + random.standard_normal(9000), np.zeros(4))])
     first, second, third = (evidence.posterior(prior(coordinates, [name])).log_evidence for name in "abc")
@@ -121,7 +146,7 @@ def test_what_a_wide_coordinate_can_do_is_not_apart(problem):
 def test_a_wandering_torque_is_alike_from_hat_to_hat():
     coordinates = [coordinate("a", "one", None, 0.1, 1.5)] + [
         Coordinate(WANDERS, "", "", 0, None, WANDER, WANDER, 1.0, part=k) for k in range(6)]
-    covariance = np.linalg.inv(Layout(coordinates, 1).precision[0])
+    covariance = np.linalg.inv(Layout(coordinates, [1]).precision[0])
     assert np.sqrt(covariance[2, 2]) == pytest.approx(WANDER)
     assert covariance[2, 3] / covariance[2, 2] == pytest.approx(np.exp(-EVERY / WANDER_TIME), rel=1e-6)
 

@@ -53,6 +53,15 @@ def test_several_processes_say_the_same(car_and_run):
     assert np.array_equal(*found)
 
 
+def test_runs_repeat_each_other_that_are_of_one_kind_gear_and_way(car_and_run):
+    """Stretches of a drive and what nobody named repeat nothing."""
+    car, run = car_and_run
+    runs = [replace(run, kind=kind, gear=gear, back=back) for kind, gear, back in (
+        ("ramp", 5, False), ("ramp", 5, True), ("ramp", 5, False), ("ramp", 3, False), ("step", 5, False),
+        ("drive", 5, False), ("drive", 5, False), ("", 5, False), ("", 5, False))]
+    assert Predictor(car, runs, []).repeats == [2, 1, 2, 1, 1, 1, 1, 1, 1]
+
+
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_function_of_each_comes_back_in_order(car_and_run, workers):
     car, run = car_and_run

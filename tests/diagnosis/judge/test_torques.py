@@ -34,7 +34,7 @@ def problem():
     slopes = [random.standard_normal((SAMPLES, 3)).astype(np.float32) for _ in LEFT]
     pieces = [random.standard_normal((SAMPLES, PIECES)) for _ in LEFT]
     left = [p @ (2.0 * random.standard_normal(PIECES)) + random.standard_normal(SAMPLES) for p in pieces]
-    layout = Layout(coordinates, len(LEFT))
+    layout = Layout(coordinates, [1] * len(LEFT))
     # the derivatives are a fit's, which knows of one cause
     fit = SimpleNamespace(causes=("one",), points=[np.zeros(4)] * 2, tangents=[Tangent(s) for s in slopes])
     bends = [[size * random.standard_normal((SAMPLES, KNOTS)) for size in (0.4, 0.2)] for _ in LEFT]

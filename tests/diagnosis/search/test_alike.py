@@ -28,7 +28,7 @@ def problem():
                    coordinate("swing", run=0), coordinate("late", probes=(2.0,)),
                    Coordinate("start", "", "", 0, None, 0.3, 0.3, 0.01)]
     jacobian = np.column_stack([slope, mass, 1.5 * slope + 0.05 * little, 0.01 * mass, slope, slope, start])
-    evidence = Evidence([Slopes(Layout(coordinates, 1), 0, jacobian).seen(np.zeros(SAMPLES), np.zeros(7))])
+    evidence = Evidence([Slopes(Layout(coordinates, [1]), 0, jacobian).seen(np.zeros(SAMPLES), np.zeros(7))])
     return coordinates, jacobian, evidence
 
 
@@ -52,7 +52,7 @@ def test_a_group_needs_each_to_imitate_every_other():
     coordinates = [coordinate("one"), coordinate("other"), coordinate("both"), coordinate("both"),
                    Coordinate("start", "", "", 0, None, 0.3, 0.3, 0.01)]
     jacobian = np.column_stack([one, other, one + other, one - other, start])
-    evidence = Evidence([Slopes(Layout(coordinates, 1), 0, jacobian).seen(np.zeros(SAMPLES), np.zeros(5))])
+    evidence = Evidence([Slopes(Layout(coordinates, [1]), 0, jacobian).seen(np.zeros(SAMPLES), np.zeros(5))])
     assert alike(evidence, coordinates, ("one", "other", "both")) == []
 
 

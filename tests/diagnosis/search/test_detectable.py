@@ -26,7 +26,7 @@ def problem():
     coordinates = [coordinate("clear"), coordinate("dim"), coordinate("never"), swing, replace(swing, part=1),
                    coordinate("late", probes=(2.0,)), Coordinate("start", "", "", 0, None, 0.3, 0.3, 0.01)]
     jacobian = random.standard_normal((SAMPLES, 7)) * np.array([30.0, 2.0, 0.0, 4.0, 4.0, 1.0, 1.0])
-    return coordinates, jacobian, Slopes(Layout(coordinates, 1), 0, jacobian)
+    return coordinates, jacobian, Slopes(Layout(coordinates, [1]), 0, jacobian)
 
 
 def seen(slopes, data):

@@ -64,7 +64,7 @@ def test_where_fits_of_the_same_supposition_differ_a_lead_counts_for_less():
     search, result = found({"phase": 0.2})
     far = replace(result.best, causes=("curve",), score=result.best.score - 15.0, near=False)
     sure = at(result, result.best, far)
-    search.refitted |= {("curve",): 14.0, ("phase",): 8.0, ("size",): 0.5}
+    search.refitted = {("curve",): 14.0, ("phase",): 8.0, ("size",): 0.5}
     doubtful = replace(sure, temper=search.temper)
     assert search.temper == tempered(8.0) and sure.apart(far) > APART > doubtful.apart(far) > 0.0
     assert sure.shares()[1] < 0.01 < doubtful.shares()[1] < 0.5
