@@ -7,8 +7,14 @@ import pytest
 
 from cosim.diagnosis import diagnose
 from cosim.diagnosis.diagnose import _reserve
+from cosim.diagnosis.plants import Run
 from cosim.diagnosis.search.identification import Identification
 from driveline.quantities import InputError
+
+
+def recorded(name, kind, torques, back=False):
+    """A recording in fifth."""
+    return Run(name, kind, 5, 0.0, np.array([torques]).T, 0.0, {}, {}, back=back)
 
 
 @pytest.mark.parametrize(("kinds", "kept"), [
@@ -18,8 +24,8 @@ from driveline.quantities import InputError
 def test_one_of_three_recordings_is_kept_back_never_the_last(kinds, kept):
     """One that is repeated; of drives, and where nobody said what was driven, nothing is."""
     torques = {"cruise": [1.0, 1.1], "tip_in": [0.0, 2.0], "tip_out": [3.0, 0.0]}
-    runs = [SimpleNamespace(name=i, kind=kind.removesuffix("_back").strip("?"), gear=5, back=kind.endswith("_back"),
-                            inputs=np.array([torques.get(kind.removesuffix("_back"), [0.0, 1.0])]).T)
+    runs = [recorded(str(i), kind.removesuffix("_back").strip("?"),
+                     torques.get(kind.removesuffix("_back"), [0.0, 1.0]), kind.endswith("_back"))
             for i, kind in enumerate(kinds.split())]
     used, reserved = _reserve(runs)
     assert reserved == ([] if kept is None else [runs[kept]])
@@ -29,13 +35,11 @@ def test_one_of_three_recordings_is_kept_back_never_the_last(kinds, kept):
 @pytest.mark.parametrize("recordings", [1, 2, 3, 5])
 def test_of_what_is_driven_again_as_many_are_fitted_as_was_promised(recordings):
     """And all recordings that were fitted before."""
-    def run(name, kind, torque):
-        return SimpleNamespace(name=name, kind=kind, gear=5, back=False, inputs=np.array([[0.0, torque]]).T)
-
-    before = [run(i, kind, 1.0 + i) for i, kind in enumerate(["tip_in", "tip_out", "ramp", "step", "tip_in"])]
+    before = [recorded(str(i), kind, [0.0, 1.0 + i])
+              for i, kind in enumerate(["tip_in", "tip_out", "ramp", "step", "tip_in"])]
     used, _ = _reserve(before[:recordings])
     for times, fitted in diagnose._drives(recordings).items():
-        again, _ = _reserve([*before[:recordings], *(run(-1, "sweep", 9.0) for _ in range(times))])
+        again, _ = _reserve([*before[:recordings], *(recorded("again", "sweep", [0.0, 9.0]) for _ in range(times))])
         assert sum(r.kind == "sweep" for r in again) == fitted
         assert {r.name for r in used} <= {r.name for r in again}
 
