@@ -114,9 +114,9 @@ def propose(fitter: Fitter, found: Identification, rivals: Sequence[Fit],
         for gear in _drivable(predictor.car, gears, torque):
             speed = _ENGINE_SPEED * predictor.car.rolling(gear)["engine_speed"]
             run = _candidate(predictor.car, predictor.runs[0], kind, corners, gear, torque, speed)
+            there = {back: driven.count((kind, gear, back)) for back in ways}
+            counts = {count + fitted for count in there.values() for fitted in drives.values()}
             try:
-                there = {back: driven.count((kind, gear, back)) for back in ways}
-                counts = {count + fitted for count in there.values() for fitted in drives.values()}
                 squares = information(predictor, noise, run, one, counts)
                 unseen = _unseen(predictor, noise, run, one, wide)
             except (ArithmeticError, InputError):
