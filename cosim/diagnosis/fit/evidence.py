@@ -1,12 +1,12 @@
 """Bayesian bookkeeping on linearised runs: what each says of the coordinates, and the evidence of a supposition.
 
 Near a point of its own, a run's whitened residuals are linear in the coordinates, z = J v + e with white e. The
-run's own nuisances are projected out. What is left, v, is not quite the u that all runs share: a plant of another
-structure is not described by one stiffness in all manoeuvres, however exactly each run may fix it. So v = u + d
-with d ~ N(0, D), and no run says more of u than D allows. Runs of the same manoeuvre have the same d: k of them
-say no more than one would without noise, which each says that has a D of k times as much. The coordinates have
-Gaussian priors: narrow (their tolerance in a healthy car), wide for those of the effects that are supposed to
-be the cause. With these every supposition has its evidence in closed form.
+run's own nuisances are projected out. What is left, v, is not quite the u that all runs share: a plant of
+another structure is not described by one stiffness in all manoeuvres, however exactly each run may fix it. So
+v = u + d with d ~ N(0, D), and no run says more of u than D allows. Runs of the same manoeuvre have the same d.
+What k of them say together they say with a d each as well, of k D, exactly if each shows the same. The
+coordinates have Gaussian priors: narrow (their tolerance in a healthy car), wide for those of the effects that
+are supposed to be the cause. With these every supposition has its evidence in closed form.
 """
 
 from __future__ import annotations
@@ -40,8 +40,9 @@ def heterogeneity(coordinates: Sequence[Coordinate], repeats: int = 1) -> np.nda
         coordinates: Of the run.
         repeats: How many runs are of its manoeuvre, and have the same d.
     """
-    return np.sqrt(repeats) * np.array([0.0 if c.run is not None else HETEROGENEITY * c.parameter.detection if c.effect
-                     else 0.5 * c.tolerance for c in coordinates])
+    alone = [0.0 if c.run is not None else HETEROGENEITY * c.parameter.detection if c.effect
+             else 0.5 * c.tolerance for c in coordinates]
+    return np.sqrt(repeats) * np.array(alone)
 
 
 def within(factor: np.ndarray, best: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:

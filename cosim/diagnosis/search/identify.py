@@ -1,14 +1,14 @@
 """Which effects explain what a simulation gets wrong, how sure that is, and what cannot be told apart.
 
-A *supposition* is a set of causes: their parameters may be anything plausible, all others only what a
-healthy car's are. A cause is an effect of the catalogue, or one parameter of an effect whose parameters mean
-something alone. Of causes that do the same in these recordings one is looked for (``alike``). Every cause alone is
-simulated at several sizes, and the best of these are fitted (``scan``); so is every cause beside whoever leads
-then, and in place of each of its causes, from the vehicle file anew. Whoever leads is challenged by every cause added,
-dropped or swapped (``challenge``); all that were fitted are compared under one noise (``pool``). Those that are near
-the leader are fitted in further ways, which says what a lead is worth, and where a recording stays unexplained two
-causes are tried at once. At last those that do the same, or do as far as the recordings reach, take the places of what
-was found. ``docs/diagnosis.md`` says why.
+A *supposition* is a set of causes: their parameters may be anything plausible, all others only what a healthy car's
+are. A cause is an effect of the catalogue, or one parameter of an effect whose parameters mean something alone. Of
+causes that do the same in these recordings one is looked for (``alike``). Every cause alone is simulated at several
+sizes, and the best of these are fitted (``scan``); so is every cause beside whoever leads then, and in place of
+each of its causes, from the vehicle file anew (``afresh``). Whoever leads is challenged by every cause added,
+dropped or swapped (``challenge``); all that were fitted are compared under one noise (``pool``). Those that are
+near the leader are fitted in further ways, which says what a lead is worth, and where a recording stays unexplained
+two causes are tried at once. At last those that do the same, or do as far as the recordings reach, take the places
+of what was found. ``docs/diagnosis.md`` says why.
 """
 
 from __future__ import annotations
@@ -361,5 +361,3 @@ class Search:
             together[kind] = together.get(kind, 0.0) + float(np.exp((fit.score - fits[0].score) / self.temper))
         first = kinds.index(max(together, key=lambda kind: together[kind]))
         return [fits[first], *fits[:first], *fits[first + 1:]]
-
-
