@@ -47,8 +47,7 @@ class Model:
             for causality in ("parameter", "input", "output")
         }
         self._whole = np.array([v.kind != "real" for v in self.variables], dtype=bool)
-        self._lower = np.array([-np.inf if v.minimum is None else v.minimum for v in self.variables])
-        self._upper = np.array([np.inf if v.maximum is None else v.maximum for v in self.variables])
+        self._lower, self._upper = np.array([v.range for v in self.variables]).reshape(-1, 2).T.copy()
 
     def _check(self, causality: str) -> None:
         """Raise InputError for the first value of this causality that is not possible."""

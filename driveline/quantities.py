@@ -13,6 +13,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+WHOLE = (-2**31, 2**31 - 1)  # what an integer of FMI 2.0, which has 32 bits, can be
+
 
 class InputError(ValueError):
     """The input is wrong; the message names the variable, file or line and what would be right."""
@@ -48,15 +50,24 @@ class Variable:
     nominal: float | None = None
     depends_on: tuple[str, ...] = ()
 
+    @property
+    def range(self) -> tuple[float, float]:
+        """Smallest and largest value that is possible: as declared, and for an integer what its 32 bits hold."""
+        low, high = WHOLE if self.kind == "integer" else (float("-inf"), float("inf"))
+        return (low if self.minimum is None else max(low, self.minimum),
+                high if self.maximum is None else min(high, self.maximum))
+
     def check(self, value: float) -> None:
         """Raise InputError unless ``value`` is finite and inside the range of this variable."""
         unit = "" if self.unit == "1" else f" {self.unit}"
         if not value - value == 0.0:  # true for NaN and both infinities
             raise InputError(f"{self.name} is {value}: a finite number in {self.unit} is needed")
-        if self.minimum is not None and value < self.minimum:
-            raise InputError(f"{self.name} is {value:g}{unit}: at least {self.minimum:g} is needed")
-        if self.maximum is not None and value > self.maximum:
-            raise InputError(f"{self.name} is {value:g}{unit}: at most {self.maximum:g} is possible")
+        low, high = self.range
+        digits = ".10g" if self.kind == "integer" else "g"  # all of those an integer can have
+        if value < low:
+            raise InputError(f"{self.name} is {value:{digits}}{unit}: at least {low:{digits}} is needed")
+        if value > high:
+            raise InputError(f"{self.name} is {value:{digits}}{unit}: at most {high:{digits}} is possible")
         if self.kind != "real" and value != int(value):
             raise InputError(f"{self.name} is {value:g}: a whole number is needed")
 

@@ -92,3 +92,14 @@ def test_a_count_must_be_whole(kind):
 
 def test_a_wrong_input_is_a_value_error():
     assert issubclass(InputError, ValueError)
+
+
+def test_an_integer_has_the_32_bits_of_fmi_whatever_is_declared():
+    free, declared = Variable("n", "1", "", kind="integer"), Variable("n", "1", "", kind="integer", minimum=0)
+    assert free.range == (-2**31, 2**31 - 1) and declared.range == (0, 2**31 - 1)
+    free.check(2**31 - 1)
+    with pytest.raises(InputError, match="n is 2147483648: at most 2147483647 is possible"):
+        free.check(2**31)
+    with pytest.raises(InputError, match="n is -2147483649: at least -2147483648 is needed"):
+        free.check(-2**31 - 1)
+    assert Variable("x", "1", "").range == (-math.inf, math.inf)

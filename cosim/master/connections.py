@@ -132,11 +132,8 @@ def check_values(signal: Signal, connection: Connection, goal: Variable, clock: 
     for times, _ in clock.blocks(100_000):
         seconds = (times[:1] if isinstance(signal, Constant) else times) / PER_SECOND
         values = signal.values(seconds) * connection.factor + connection.offset
-        possible = np.isfinite(values)
-        if goal.minimum is not None:
-            possible &= values >= goal.minimum
-        if goal.maximum is not None:
-            possible &= values <= goal.maximum
+        low, high = goal.range
+        possible = np.isfinite(values) & (values >= low) & (values <= high)
         if goal.kind != "real":
             possible &= values == np.round(values)
         if not possible.all():

@@ -33,7 +33,7 @@ from fmpy.fmi2 import (
 )
 
 from cosim.master.participants import SimulationError
-from driveline.quantities import InputError, Variable
+from driveline.quantities import WHOLE, InputError, Variable
 
 log = logging.getLogger("cosim")
 
@@ -217,6 +217,13 @@ class FmuParticipant:
         for transfer in self._get:
             transfer.pull()
 
+    def check(self, variable: Variable, value: float) -> None:
+        """Raise SimulationError for a value that a variable cannot have."""
+        try:
+            variable.check(value)
+        except InputError as error:
+            raise SimulationError(f"{self.name} ({self.path.name}): {error}") from error
+
     def fail(self, function: str, status: int, time: float | None = None) -> None:
         """Raise SimulationError for a status worse than a warning."""
         self._fatal = status == fmi2Fatal
@@ -295,14 +302,19 @@ class _Transfer:
             self._local = np.ctypeslib.as_array(self._values)
             self._shared = buffer
         self._positions = np.array(positions, dtype=np.intp)
+        self._whole = [owner.variables[names[i]] for i in positions] if kind == "integer" else []
         self._sent = b""
 
     def push(self) -> None:
         """Buffer to FMU."""
         if self._local is not None:
-            self._local[:] = self._shared[self._positions]
-            if (now := self._local.tobytes()) == self._sent:
+            values = self._shared[self._positions]
+            if (now := values.tobytes()) == self._sent:
                 return
+            for variable, value in zip(self._whole, values.tolist()):
+                if not WHOLE[0] <= value <= WHOLE[1]:  # it would arrive as another number
+                    self._owner.check(variable, value)
+            self._local[:] = values
             self._sent = now
         status = self._function(self._component, self._references, self.count, self._values)
         if status > fmi2Warning:

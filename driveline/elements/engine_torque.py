@@ -34,7 +34,7 @@ class EngineTorque:
     torque_offset: float = quantity("N.m", "error of the estimated torque", tunable=True)
     torque_noise: float = quantity("N.m", "standard deviation of the torque noise", minimum=0.0, tunable=True)
     noise_period: float = quantity("s", "time for which one noise value holds", minimum=1e-4)
-    noise_seed: int = quantity("1", "seed of the torque noise", kind="integer", minimum=0)
+    noise_seed: int = quantity("1", "seed of the torque noise", kind="integer", minimum=0, maximum=2**31 - 1)
     friction_constant: float = quantity("N.m", "engine friction, constant part", minimum=0.0)
     friction_viscous: float = quantity("N.m.s/rad", "engine friction over speed", minimum=0.0)
     accessory_torque: float = quantity("N.m", "alternator, fan, pumps: not in the request", minimum=0.0, tunable=True)

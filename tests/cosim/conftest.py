@@ -1,7 +1,9 @@
-"""FMUs for the master's tests: the toy models in the shell every FMU has, and a foreign one."""
+"""FMUs for the master's tests: the toy models in the shell every FMU has, foreign ones, and a strict one in C."""
 
 import shutil
+import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -122,3 +124,62 @@ def foreign_fmus(tmp_path_factory):
 def foreign_fmu(foreign_fmus):
     """As anybody might write one."""
     return foreign_fmus / "foreign.fmu"
+
+
+STRICT = """<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="2.0" modelName="Strict" guid="{8c4e810f}" generationTool="somebody's">
+<CoSimulation modelIdentifier="strict" canHandleVariableCommunicationStepSize="true"/>
+<UnitDefinitions>
+<Unit name="engineRev"><BaseUnit rad="1" s="-1" factor="0.1"/></Unit>
+<Unit name="level"><BaseUnit K="1" factor="2" offset="273.15"/></Unit>
+<Unit name="undefined"/>
+</UnitDefinitions>
+<TypeDefinitions>
+<SimpleType name="Speed"><Real unit="engineRev" min="-9000" max="9000"/></SimpleType>
+<SimpleType name="Mode"><Enumeration><Item name="off" value="1"/><Item name="on" value="2"/></Enumeration></SimpleType>
+</TypeDefinitions>
+<ModelVariables>
+<ScalarVariable name="u" valueReference="0" causality="input"><Real declaredType="Speed" start="0"/></ScalarVariable>
+<ScalarVariable name="y" valueReference="1" causality="output"><Real declaredType="Speed" max="5000"/></ScalarVariable>
+<ScalarVariable name="k" valueReference="2" causality="parameter" variability="tunable"><Real start="1"/>
+</ScalarVariable>
+<ScalarVariable name="n" valueReference="10" causality="parameter" variability="fixed"><Integer start="1"/>
+</ScalarVariable>
+<ScalarVariable name="mode" valueReference="11" causality="input" variability="discrete">
+<Enumeration declaredType="Mode" start="1"/></ScalarVariable>
+<ScalarVariable name="count" valueReference="11" causality="input" variability="discrete"><Integer start="1"/>
+</ScalarVariable>
+<ScalarVariable name="shown" valueReference="12" causality="output" variability="discrete"><Integer/>
+</ScalarVariable>
+</ModelVariables>
+<ModelStructure><Outputs><Unknown index="2"/><Unknown index="7" dependencies=""/></Outputs></ModelStructure>
+</fmiModelDescription>
+"""
+
+
+# what a host looks for when it loads the library, and does not call here
+UNUSED = ("SetDebugLogging", "Reset", "GetBoolean", "SetBoolean", "GetString", "SetString", "GetFMUstate",
+          "SetFMUstate", "FreeFMUstate", "SerializedFMUstateSize", "SerializeFMUstate", "DeSerializeFMUstate",
+          "GetDirectionalDerivative", "SetRealInputDerivatives", "GetRealOutputDerivatives", "CancelStep", "GetStatus",
+          "GetRealStatus", "GetIntegerStatus", "GetBooleanStatus", "GetStringStatus")
+
+
+@pytest.fixture(scope="session")
+def strict_fmu(tmp_path_factory):
+    """strict.c, which is no Python and refuses whatever the standard forbids, with units of its own definition."""
+    import fmpy
+
+    from driveline.kernels import native
+
+    if fmpy.platform != "linux64":
+        pytest.skip("compiled for Linux")
+    folder = tmp_path_factory.mktemp("strict")
+    library, unused = folder / "strict.so", folder / "unused.c"
+    unused.write_text("".join(f"int fmi2{name}(void) {{ return 3; }}\n" for name in UNUSED))
+    subprocess.run([sys.executable, "-m", "ziglang", "cc", "-shared", "-fPIC", "-Wall", "-Wextra", "-Werror",
+                    "-I", str(Path(fmpy.__file__).parent / "c-code"), str(HERE / "strict.c"), str(unused), "-o",
+                    str(library)], check=True, env=native.compiling())
+    with zipfile.ZipFile(folder / "strict.fmu", "w") as archive:
+        archive.writestr("modelDescription.xml", STRICT)
+        archive.write(library, "binaries/linux64/strict.so")
+    return folder / "strict.fmu"

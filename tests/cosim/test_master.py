@@ -309,6 +309,40 @@ def test_a_value_that_is_not_finite_is_named(foreign_fmu):
     assert caught.value.result.time[-1] == pytest.approx(0.3)
 
 
+# ---- integers ----
+
+class Far(Chain):
+    """Its sum is an integer, of as many bits as it takes."""
+
+    def __init__(self, start: float) -> None:
+        super().__init__(start)
+        whole = {"variability": "discrete", "kind": "integer"}
+        self.variables = tuple(Variable(**{**vars(v), **whole}) for v in self.variables)
+        Model.__init__(self)
+
+
+@pytest.mark.parametrize("put_together", [
+    lambda master, value: master.set("s.n", value),
+    lambda master, value: master.connect(value, "s.mode"),
+    lambda master, value: master.connect(value, "s.count"),
+    lambda master, value: master.connect(Step(before=1, after=value, time=0.1), "s.count"),
+    lambda master, value: master.add("a", Far(value)).connect("a.y", "s.count"),
+    lambda master, value: master.add("a", Far(value - 1)).connect(1, "a.u").connect("a.y", "s.count"),
+])
+@pytest.mark.parametrize("value", [2**31, 2**32 + 2, -2**31 - 1])
+def test_an_integer_beyond_32_bits_is_refused_by_name(strict_fmu, put_together, value):
+    """It would arrive as another one, and the result would say what was meant."""
+    with pytest.raises((InputError, SimulationError), match=r"(n|mode|count) is -?\d{10}: at (least|most) -?\d+ is"):
+        put_together(Master(step=0.1).add("s", strict_fmu), value).run(stop=0.5)
+
+
+@pytest.mark.parametrize("value", [2**31 - 1, -2**31])
+def test_all_integers_of_32_bits_arrive(strict_fmu, value):
+    result = (Master(step=0.1).add("s", strict_fmu, parameters={"n": value}).add("a", Far(value))
+              .connect("a.y", "s.count").record("s.n", "s.count").run(stop=0.3))
+    assert (result["s.n"] == value).all() and (result["s.count"] == value).all()
+
+
 # ---- Ctrl-C ----
 
 def test_ctrl_c_leaves_a_partial_result_that_can_be_read(tmp_path):
