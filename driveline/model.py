@@ -12,6 +12,8 @@ import numpy as np
 
 from .quantities import InputError, Variable
 
+HOST_TELLS = "DRIVELINE_HOST_TELLS"  # set in the environment: the host shows what FMUs log, so errors are told once
+
 
 class Model:
     """A block that advances in time.

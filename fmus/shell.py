@@ -6,13 +6,15 @@ so that getting and setting touch one array and look nothing up.
 PythonFMU 0.7's native layer shapes this file in three ways. It answers every exception with
 fmi2Fatal and gives back references that it still uses (``_fail`` lends them again, so that the host
 may free or reset the instance afterwards). It drops every message while debug logging is off, so
-errors also go to standard error. And it keeps the resources folder in ``sys.path`` for ever.
+errors also go to standard error, unless the host says that it shows them. And it keeps the resources
+folder in ``sys.path`` for ever.
 """
 
 from __future__ import annotations
 
 import ctypes
 import json
+import os
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -20,6 +22,8 @@ from typing import Any, NoReturn
 
 from pythonfmu.enums import Fmi2Status
 from pythonfmu.fmi2slave import Fmi2Slave
+
+from driveline.model import HOST_TELLS
 
 MODEL_FILE = "model.json"
 _BEFORE, _RUNNING, _INITIALIZING = range(3)  # phases, as snapshots have them
@@ -54,6 +58,7 @@ class ModelSlave(Fmi2Slave):
         described = json.loads(Path(resources, MODEL_FILE).read_text(encoding="utf-8"))
         self.model = self.models[described["model"]](described["start_values"])
         self.start_time = 0.0
+        self._host_tells = HOST_TELLS in os.environ
         self._outputs = self._settable("output")
         before = self._settable("parameter", "input")
         self._free_by_phase = {_BEFORE: before, _INITIALIZING: before, _RUNNING: self._settable("input")}
@@ -75,11 +80,12 @@ class ModelSlave(Fmi2Slave):
         self._free = self._free_by_phase[phase]
 
     def _fail(self, error: Exception) -> NoReturn:
-        """Tell the host, which logs the exception, and standard error, because it may log nothing."""
+        """Tell the host, which logs the exception, and standard error where it may log nothing."""
         # what the model says is meant to be read; anything else is a fault of its own, whose kind matters
         meant = isinstance(error, ValueError) or type(error) is ArithmeticError
         message = str(error) if meant else repr(error)
-        print(f"{self.instance_name}: {message}", file=sys.stderr)
+        if not self._host_tells:
+            print(f"{self.instance_name}: {message}", file=sys.stderr)
         # The native layer now releases class, instance and log queue, yet keeps and uses the pointers.
         for lent in (type(self), self, self.log_queue):
             ctypes.pythonapi.Py_IncRef(ctypes.py_object(lent))

@@ -7,14 +7,17 @@ a step costs one fmi2SetReal, one fmi2DoStep and one fmi2GetReal.
 from __future__ import annotations
 
 import atexit
+import contextlib
 import ctypes
 import hashlib
 import logging
+import os
+import re
 import sys
 import tempfile
 import weakref
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -33,14 +36,17 @@ from fmpy.fmi2 import (
 )
 
 from cosim.master.participants import SimulationError
+from driveline.model import HOST_TELLS
 from driveline.quantities import WHOLE, InputError, Variable
 
 log = logging.getLogger("cosim")
 
 _KINDS = {"Real": "real", "Integer": "integer", "Enumeration": "integer", "Boolean": "boolean",
           "String": "string"}
-_LEVELS = (logging.DEBUG, logging.WARNING, logging.WARNING, logging.ERROR, logging.CRITICAL, logging.INFO)
+_LEVELS = {0: logging.DEBUG, fmi2Warning: logging.WARNING, 5: logging.INFO}  # of what an FMU logs: ok, warning, pending
 _STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
+# What PythonFMU puts before the words of an exception: the names of its own functions.
+_PREAMBLE = re.compile(r"Fatal py exception encountered: .*\n")
 
 _extracted: dict[str, Path] = {}  # content -> folder, for the life of the process
 
@@ -89,7 +95,8 @@ class FmuParticipant:
         self.variables, self.dependencies_declared = self._read_variables()
         self._slave: FMU2Slave | None = None
         self._fatal = False
-        self._said: list[str] = []  # what it logged with a status worse than ok, for error messages
+        self._running = False  # initialized, and nothing has failed
+        self._said: list[str] = []  # what it logged as an error, as yet untold: an exception may follow, which tells it
 
     @property
     def model_name(self) -> str:
@@ -151,7 +158,7 @@ class FmuParticipant:
 
     def open(self, start: dict[str, float | str], inputs: Sequence[str], outputs: Sequence[str],
              input_buffer: np.ndarray, output_buffer: np.ndarray) -> None:
-        self._fatal = False
+        self._fatal = self._running = False
         self._said.clear()
         if "PythonFMU" in (self.description.generationTool or "") and not _pythonfmu_finds(self._folder):
             raise InputError(f"{self.name}: {self.path.name} lies in {self._folder}, where PythonFMU "
@@ -162,7 +169,8 @@ class FmuParticipant:
             self._slave = FMU2Slave(
                 guid=self.description.guid, unzipDirectory=str(self._folder), instanceName=self.name,
                 modelIdentifier=self.description.coSimulation.modelIdentifier)
-            self._slave.instantiate(callbacks=_callbacks, loggingOn=True)
+            with _told():
+                self._slave.instantiate(callbacks=_callbacks, loggingOn=True)
         except Exception as error:  # FMPy raises plain exceptions for whatever fails here
             self._slave = None
             raise SimulationError(
@@ -197,12 +205,15 @@ class FmuParticipant:
             for transfer in self._set:
                 transfer.push()
             slave.exitInitializationMode()
+            self._running = True
             self.read()
         except (FMICallException, SimulationError) as error:
             raise self._refused(error) from error
+        self._tell()
 
     def _refused(self, error: Exception) -> InputError:
         # nothing has run yet, so what it does not like is what it was given
+        self._running = False
         self._fatal = self._fatal or getattr(error, "status", None) == fmi2Fatal
         return InputError(f"{self.name} does not initialize: {self._words() or error}")
 
@@ -212,6 +223,8 @@ class FmuParticipant:
         status = self._do_step(self._component, time, step, 1)
         if status > fmi2Warning:
             self.fail("fmi2DoStep", status, time)
+        if self._said:
+            self._tell()
 
     def read(self) -> None:
         for transfer in self._get:
@@ -226,7 +239,7 @@ class FmuParticipant:
 
     def fail(self, function: str, status: int, time: float | None = None) -> None:
         """Raise SimulationError for a status worse than a warning."""
-        self._fatal = status == fmi2Fatal
+        self._fatal, self._running = status == fmi2Fatal, False
         when = "" if time is None else f" at t = {time:.9g} s"
         label = _STATUS[status] if 0 <= status < len(_STATUS) else str(status)
         words = self._words()
@@ -235,25 +248,50 @@ class FmuParticipant:
 
     def close(self) -> None:
         slave, self._slave = self._slave, None
+        running, self._running = self._running, False
         if slave is None or self._fatal:  # after fmi2Fatal the standard forbids every further call
             return
-        try:
-            slave.terminate()
-        except FMICallException as error:
-            log.warning("%s: %s", self.name, error)
+        if running:  # nor may what was never initialized, or has failed, be terminated
+            try:
+                slave.terminate()
+            except FMICallException as error:
+                self._fatal = error.status == fmi2Fatal
+                log.warning("%s: %s", self.name, self._words() or error)
         if not self._fatal:
             slave.freeInstance()
+        self._tell()
 
     def hear(self, status: int, message: str) -> None:
         """Called with whatever the FMU logs."""
-        if status > 0:
+        message = _PREAMBLE.sub("", message, count=1)
+        if status in _LEVELS:
+            log.log(_LEVELS[status], "%s: %s", self.name, message)
+        else:
             self._said.append(message)
-        level = _LEVELS[status] if 0 <= status < len(_LEVELS) else logging.ERROR
-        log.log(level, "%s: %s", self.name, message)
+
+    def _tell(self) -> None:
+        """Log the errors that the FMU told of, but went on."""
+        for message in self._said:
+            log.error("%s: %s", self.name, message)
+        self._said.clear()
 
     def _words(self) -> str:
-        """What the FMU last said about its trouble, on one line."""
-        return " ".join(self._said[-1].split()) if self._said else ""
+        """What the FMU last said about its trouble, on one line; what it said before is logged."""
+        if not self._said:
+            return ""
+        last = " ".join(self._said.pop().split())
+        self._tell()
+        return last
+
+
+@contextlib.contextmanager
+def _told() -> Iterator[None]:
+    """FMUs of this project that are made inside are told that what they log is shown."""
+    os.environ[HOST_TELLS] = "1"
+    try:
+        yield
+    finally:
+        os.environ.pop(HOST_TELLS, None)
 
 
 _open: weakref.WeakValueDictionary[str, FmuParticipant] = weakref.WeakValueDictionary()

@@ -309,6 +309,49 @@ def test_a_value_that_is_not_finite_is_named(foreign_fmu):
     assert caught.value.result.time[-1] == pytest.approx(0.3)
 
 
+# ---- what an FMU says ----
+
+@pytest.mark.parametrize(("parameters", "u", "words"), [
+    ({}, 0.0, None),
+    ({"k": -1.0}, 0.0, "s does not initialize: k must not be negative"),
+    ({"k": 2000.0}, 0.0, "s: k = 2000.0 is refused: k is above 1000"),
+    ({}, 950.0, "s (strict.fmu) at t = 0 s: fmi2DoStep reports error: u is above 900"),
+])
+@pytest.mark.parametrize("beside", [False, True])
+def test_only_what_runs_is_terminated_and_an_error_is_told_once(strict_fmu, caplog, parameters, u, words, beside):
+    """The FMU refuses every call that the standard forbids in its state, and says so: also one beside that failed."""
+    caplog.set_level(logging.WARNING)
+    master = Master(step=0.1).add("s", strict_fmu, parameters=parameters).connect(u, "s.u")
+    if beside:
+        master.add("b", strict_fmu)
+    if words is None:
+        assert master.run(stop=0.3).complete
+    else:
+        with pytest.raises((InputError, SimulationError)) as caught:
+            master.run(stop=0.3)
+        assert str(caught.value) == words
+    assert not caplog.messages
+
+
+def test_what_one_of_our_fmus_refuses_is_told_once(fmus, tmp_path, caplog, capfd):
+    loose = repacked(fmus / "lag.fmu", tmp_path / "loose.fmu",
+                     lambda name, data: (name, data.replace(b'min="1e-06"', b'')))
+    with pytest.raises(InputError) as caught:
+        Master(step=0.1).add("a", loose, parameters={"time_constant": 0.0}).run(stop=1.0)
+    assert str(caught.value) == "a does not initialize: time_constant is 0 s: at least 1e-06 is needed"
+    assert not caplog.records and not "".join(capfd.readouterr())
+
+
+def test_an_error_that_an_fmu_logs_but_survives_is_told(strict_fmu, caplog):
+    participant = FmuParticipant("s", strict_fmu)
+
+    def complain(now):
+        participant.hear(3, "not so well")
+
+    assert Master(step=0.1).add("s", participant).run(stop=0.1, progress=complain).complete
+    assert [record.getMessage() for record in caplog.records] == ["s: not so well"]
+
+
 # ---- integers ----
 
 class Far(Chain):
