@@ -16,7 +16,6 @@ import re
 import sys
 import tempfile
 import weakref
-import zipfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -64,6 +63,10 @@ def extracted(path: Path) -> tuple[Path, str]:
         fmpy.extract(str(path), folder.name)
         _extracted[digest] = Path(folder.name)
     return _extracted[digest], digest
+
+
+def _is_pythonfmu(description: Any) -> bool:
+    return "PythonFMU" in (description.generationTool or "")
 
 
 def _pythonfmu_finds(folder: Path) -> bool:
@@ -114,8 +117,10 @@ class FmuParticipant:
             raise InputError(f"{self.name}: there is no FMU {self.path}")
         try:
             return extracted(self.path)
-        except (zipfile.BadZipFile, KeyError) as error:
-            raise InputError(f"{self.name}: {self.path} is not an FMU: {error}") from error
+        except OSError:
+            raise  # the disk, not the archive
+        except Exception as error:  # no zip, a path in it that cannot be, encrypted, damaged: each of another kind
+            raise InputError(f"{self.name}: {self.path} is not an FMU, or a damaged one: {error}") from error
 
     def _read_description(self) -> Any:
         try:
@@ -131,6 +136,9 @@ class FmuParticipant:
             built = ', '.join(platforms) or 'nothing'
             raise InputError(f"{self.name}: {self.path} has binaries for {built}: "
                              f"{fmpy.platform} is needed")
+        if _is_pythonfmu(description) and not (self._folder / "resources" / "slavemodule.txt").is_file():
+            raise InputError(f"{self.name}: {self.path} is not whole: it has no resources/slavemodule.txt, without "
+                             "which PythonFMU ends the process")
         return description
 
     def _read_variables(self) -> tuple[dict[str, Variable], bool]:
@@ -160,7 +168,7 @@ class FmuParticipant:
              input_buffer: np.ndarray, output_buffer: np.ndarray) -> None:
         self._fatal = self._running = False
         self._said.clear()
-        if "PythonFMU" in (self.description.generationTool or "") and not _pythonfmu_finds(self._folder):
+        if _is_pythonfmu(self.description) and not _pythonfmu_finds(self._folder):
             raise InputError(f"{self.name}: {self.path.name} lies in {self._folder}, where PythonFMU "
                              "does not find it and ends the process: set TMPDIR to a folder whose path has "
                              "only ASCII letters, digits, blanks and . _ - ~")

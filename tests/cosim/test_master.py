@@ -481,11 +481,31 @@ def repacked(fmu, target, change):
      "not an FMU|model exchange"),
     (lambda name, data: None if name.startswith("binaries") else (name, data), "has binaries for nothing"),
     (lambda name, data: None if name.endswith("Description.xml") else (name, data), "not an FMU"),
+    (lambda name, data: (name.replace("/", "\\"), data), "not an FMU.*forward slashes"),
+    (lambda name, data: None if name.startswith("resources") else (name, data), "not whole: .*slavemodule.txt"),
+    (lambda name, data: None if name.endswith("slavemodule.txt") else (name, data), "not whole: .*slavemodule.txt"),
     (lambda name, data: (name, data[:40] if name.endswith("Description.xml") else data), "not an FMU"),
 ])
 def test_what_is_no_usable_fmu_is_refused_by_name(fmus, tmp_path, change, words):
     path = repacked(fmus / "lag.fmu", tmp_path / "odd.fmu", change)
     with pytest.raises(InputError, match=f"a: .*odd.fmu.*({words})"):
+        FmuParticipant("a", path)
+
+
+@pytest.mark.parametrize(("at", "change"), [
+    (30 + len("modelDescription.xml"), lambda byte: byte | 7),  # where its data begin: a block of no kind
+    (6, lambda byte: byte | 1),  # the flag of an encrypted file
+])
+def test_a_damaged_or_encrypted_archive_is_refused_by_name(tmp_path, at, change):
+    path = tmp_path / "odd.fmu"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("modelDescription.xml", b"0123456789" * 100)
+    data = bytearray(path.read_bytes())
+    data[at] = change(data[at])
+    if at == 6:
+        data[data.index(b"PK\1\2") + 8] |= 1
+    path.write_bytes(data)
+    with pytest.raises(InputError, match=r"a: .*odd.fmu is not an FMU, or a damaged one: .*(decompress|encrypted)"):
         FmuParticipant("a", path)
 
 
