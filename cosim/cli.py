@@ -349,9 +349,12 @@ def _hide(options: argparse.Namespace) -> tuple[Any, str]:
     out = options.out or Path("out/hidden")
     named = out if out.name not in ("", "..") else out.resolve()  # the folder we are in has no name as it is written
     truth = options.truth or named.parent / f"{named.name}.truth.json"
+    if truth.is_dir():
+        raise InputError(f"--truth {truth}: it is a folder: a file is needed")
     began = time.perf_counter()
     try:
-        with _progress("hide", 0.0, 1.0) as progress:
+        with (_not_left_empty(out), _not_left_empty(truth.parent, "--truth"),
+              _progress("hide", 0.0, 1.0) as progress):
             hide(options.effects, options.seed, out, vehicle=options.vehicle, variant=options.variant,
                  structure=options.structure, drift=options.drift, manoeuvres=options.manoeuvres, truth=truth,
                  progress=progress)
@@ -371,24 +374,24 @@ def _demo(options: argparse.Namespace) -> tuple[Any, str]:
     return answer, "\n".join([*text, *answer["files"]])
 
 
-def _writable(folder: Path) -> Path:
+def _writable(folder: Path, option: str = "--out") -> Path:
     """The folder, made if need be."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(
-            f"--out {folder}: {error.strerror}: a folder that can be written to is needed") from error
+            f"{option} {folder}: {error.strerror}: a folder that can be written to is needed") from error
     if not os.access(folder, os.W_OK):
-        raise InputError(f"--out {folder}: it cannot be written to")
+        raise InputError(f"{option} {folder}: it cannot be written to")
     return folder
 
 
 @contextlib.contextmanager
-def _not_left_empty(out: Path) -> Iterator[None]:
+def _not_left_empty(out: Path, option: str = "--out") -> Iterator[None]:
     """The folder is made if need be, and those that were made go again when nothing was written to them."""
     made = [folder for folder in (out, *out.parents) if not folder.exists()]
     try:
-        _writable(out)
+        _writable(out, option)
         yield
     finally:
         with contextlib.suppress(OSError):  # not empty

@@ -289,6 +289,29 @@ def test_wrong_usage_is_said_in_one_line_and_leaves_nothing_behind(arguments, sa
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize(("truth", "said"), [("there", "a file is needed"), ("file/t.json", "can be written to")])
+def test_a_truth_that_cannot_be_written_is_said_before_a_measurement_is(truth, said, tmp_path, monkeypatch, capsys):
+    """A measurement without its truth is worth nothing: nothing is simulated for one, and nothing stays behind."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "there").mkdir()
+    (tmp_path / "file").write_text("")
+    monkeypatch.setattr("cosim.diagnosis.hidden._recording", None)
+    assert cli.main(["hide", "vehicle_mass", "--seed", "1", "--out", "m", "--truth", truth]) == 2
+    message = capsys.readouterr().err
+    assert f"--truth {truth.removesuffix('/t.json')}: " in message and said in message and message.count("\n") == 1
+    assert sorted(path.name for path in tmp_path.rglob("*")) == ["file", "there"]
+
+
+def test_a_measurement_that_cannot_be_written_leaves_no_truth(tmp_path, monkeypatch):
+    def fail(*arguments):
+        raise OSError("the disk is full")
+
+    monkeypatch.setattr("cosim.diagnosis.hidden.write", fail)
+    with pytest.raises(OSError, match="full"):
+        hide([], 1, tmp_path / "m", manoeuvres=["step:5"], truth=tmp_path / "t.json")
+    assert not list(tmp_path.iterdir())
+
+
 def test_the_command_writes_folder_and_truth_side_by_side(tmp_path, capsys):
     out = tmp_path / "case"
     assert cli.main(["hide", "engine_inertia=1.3", "--seed", "1", "--manoeuvres", "step:5", "--out", str(out),

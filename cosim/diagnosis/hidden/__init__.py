@@ -14,6 +14,7 @@ inverts it shares the vehicle file and the meaning of the parameters, no more. B
 
 from __future__ import annotations
 
+import contextlib
 import json
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -29,7 +30,7 @@ from cosim.diagnosis.effect import SLOPE, Effect, EffectParameter
 from cosim.diagnosis.hidden.model import PRE_ROLL, simulate
 from cosim.diagnosis.hidden.outside import OUTSIDE, PREFIX
 from cosim.diagnosis.hidden.recordings import Drive, asked, driven, logged, usual, write
-from cosim.files import write_text
+from cosim.files import replacing
 from cosim.messages import did_you_mean
 from driveline import vehicles
 from driveline.quantities import InputError
@@ -163,9 +164,10 @@ def hide(effects: Sequence[str], seed: int, out: Path, *, vehicle: str = VEHICLE
         hidden.recordings.append({"kind": drive.kind, "gear": drive.gear, "back": drive.back, **own})
         if progress is not None:
             progress((number + 1) / len(drives))
-    write(out, vehicle, variant, drives, channels)
-    if truth is not None:
-        write_text(truth, json.dumps(hidden.as_json(), indent=2) + "\n")
+    with contextlib.nullcontext() if truth is None else replacing(truth) as place:
+        if place is not None:  # before the measurement: one without its truth is worth nothing
+            place.write_text(json.dumps(hidden.as_json(), indent=2) + "\n", encoding="utf-8")
+        write(out, vehicle, variant, drives, channels)
     return hidden
 
 
