@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -30,19 +30,44 @@ SHARE = 0.05  # gears used less than this are left out
 LOCKED = 2.0  # [rad/s]: a converter that slips less is taken as locked
 
 
-def road_log(findings: Findings, out: Path, measurement: Path | None, seconds: float | None = None) -> None:
+@dataclass(frozen=True)
+class RoadLog:
+    """A recorded drive.
+
+    Attributes:
+        signals: The estimators' inputs by name; time from 0.
+        vehicle: Driven.
+        length: Of the recording [s].
+    """
+
+    signals: dict[str, Table]
+    vehicle: Vehicle
+    length: float
+
+    @classmethod
+    def read(cls, measurement: Path | None) -> RoadLog | None:
+        """From a folder with measurement.toml, that file, or a data file; None where there is none.
+
+        Raises:
+            InputError: It cannot be understood, or a signal that is needed is not in it.
+        """
+        if measurement is None:
+            return None
+        manoeuvre, vehicle = _load(measurement)
+        return cls(_signals(manoeuvre, vehicle), vehicle, manoeuvre.stop - manoeuvre.start)
+
+
+def road_log(findings: Findings, out: Path, drive: RoadLog | None, seconds: float | None = None) -> None:
     """Rows and a picture; a row that says so where there is no recording.
 
     Args:
-        measurement: A folder with measurement.toml, that file, or a data file.
         seconds: How much of it; None for all.
     """
-    if measurement is None:
+    if drive is None:
         findings.add("road log", "1", None, None, "not run: give a recording with --measurement")
         return
-    manoeuvre, vehicle = _load(measurement)
-    signals = _signals(manoeuvre, vehicle)
-    stop = PERIOD * np.floor(min(manoeuvre.stop - manoeuvre.start, seconds or np.inf) / PERIOD)
+    signals, vehicle = drive.signals, drive.vehicle
+    stop = PERIOD * np.floor(min(drive.length, seconds or np.inf) / PERIOD)
     gears = _gears(signals["gear"], float(stop))
     if not gears:
         findings.add("road log", "1", None, None, f"no forward gear is engaged for {100.0 * SHARE:g} % of the time")

@@ -42,7 +42,7 @@ from cosim.studies.estimator_findings import (
     torque_panel,
 )
 from cosim.studies.findings import THESIS, Findings
-from cosim.studies.road_log import road_log
+from cosim.studies.road_log import RoadLog, road_log
 from cosim.studies.sweep import CACHE, Case, Sweep
 from cosim.studies.torque_profiles import ramp, step
 from driveline.sensors.can_signal import jitter_density, jitter_table
@@ -81,6 +81,7 @@ def run(out: Path, progress: Callable[[float], None], steps: Sequence[float] = S
         measurement: Road log: a folder with measurement.toml or a data file.
     """
     findings = Findings()
+    log = RoadLog.read(measurement)  # what is wrong with it is said before all the runs
     readings = every(position_estimators())
     inputs = {f"step {size:g} N.m": Drive(step(size)) for size in steps}
     inputs |= {f"ramp {rate:g} N.m/s": Drive(ramp(rate)) for rate in ramps}
@@ -105,7 +106,7 @@ def run(out: Path, progress: Callable[[float], None], steps: Sequence[float] = S
     progress(0.8)
     findings.figures += _figures(out, found, steps, ramps, delayed, readings, pairs, errors, jitter_sets)
     progress(0.9)
-    road_log(findings, out, measurement)
+    road_log(findings, out, log)
     return findings
 
 

@@ -164,10 +164,22 @@ def test_without_a_road_log_it_is_said(ran):
     assert "--measurement" in row(result, "road log")["note"]
 
 
+@pytest.mark.parametrize(("change", "said"), [
+    (lambda folder: folder / "gone", "there is no measurement"),
+    (lambda folder: (folder / "drive.csv").write_text("time,vehicle_speed,gear\n0,1,5\n1,1,5\n") and folder,
+     "has no channel 'engine_torque'"),
+])
+def test_what_is_wrong_with_a_road_log_is_said_before_the_runs(tmp_path, monkeypatch, change, said):
+    log = change(a_drive(tmp_path / "log", [5], "pickup_10r80"))
+    monkeypatch.setattr("cosim.studies.sweep.Sweep.run", None)
+    with pytest.raises(InputError, match=said):
+        studies.run("state-estimator-robustness", tmp_path, measurement=log)
+
+
 @pytest.mark.skipif(not TAHOE.is_file(), reason=f"the road log is not at {TAHOE}")
 def test_estimators_stay_finite_on_a_road_log(tmp_path):
     findings = Findings()
-    road_log.road_log(findings, tmp_path, TAHOE, seconds=60.0)
+    road_log.road_log(findings, tmp_path, road_log.RoadLog.read(TAHOE), seconds=60.0)
     rows = {entry.quantity: entry for entry in findings.rows}
     assert rows["road log: every output of every estimator is finite (0 no, 1 yes)"].here == 1.0
     for estimator in ESTIMATORS:
@@ -191,7 +203,7 @@ def a_drive(folder, gears, vehicle):
 
 def test_a_road_log_is_that_of_its_own_vehicle(tmp_path):
     findings = Findings()
-    road_log.road_log(findings, tmp_path, a_drive(tmp_path / "log", [5], "pickup_10r80"))
+    road_log.road_log(findings, tmp_path, road_log.RoadLog.read(a_drive(tmp_path / "log", [5], "pickup_10r80")))
     rows = {entry.quantity: entry for entry in findings.rows}
     finite = rows["road log: every output of every estimator is finite (0 no, 1 yes)"]
     assert finite.here == 1.0 and finite.note.startswith("pickup_10r80, 20 s")
@@ -202,6 +214,6 @@ def test_a_road_log_is_that_of_its_own_vehicle(tmp_path):
                                              ([4, 5] * 25, "never for 0.5 s on end")])
 def test_a_road_log_without_a_gear_to_look_at_says_so(tmp_path, gears, said):
     findings = Findings()
-    road_log.road_log(findings, tmp_path, a_drive(tmp_path / "log", gears, "pickup_10r80"))
+    road_log.road_log(findings, tmp_path, road_log.RoadLog.read(a_drive(tmp_path / "log", gears, "pickup_10r80")))
     assert any(said in entry.note for entry in findings.rows)
     assert all(entry.here is None or np.isfinite(entry.here) for entry in findings.rows)
