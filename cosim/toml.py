@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import re
-import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from driveline.quantities import InputError
+from driveline.toml import read_toml
 
 _KEY = r'(?:"[^"]*"|\'[^\']*\'|[A-Za-z0-9_-]+)'
 _DOTTED = rf"({_KEY}(?:\s*\.\s*{_KEY})*)"
@@ -42,13 +42,7 @@ class TomlFile:
         Raises:
             InputError: No such file, or not TOML.
         """
-        try:
-            text = Path(path).read_text(encoding="utf-8-sig")  # editors on Windows begin a file with a mark
-            return cls(Path(path), text, tomllib.loads(text))
-        except (OSError, UnicodeDecodeError) as error:
-            raise InputError(f"{path} cannot be read: {error}") from error
-        except tomllib.TOMLDecodeError as error:
-            raise InputError(f"{path}: {error}") from error
+        return cls(Path(path), *read_toml(Path(path)))
 
     @contextlib.contextmanager
     def at(self, *keys: str) -> Iterator[None]:

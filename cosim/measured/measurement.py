@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import logging
 import re
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
@@ -24,6 +23,7 @@ from cosim.measured.tables import Column, DataTable, read_table
 from cosim.messages import did_you_mean
 from cosim.signals import Table
 from driveline.quantities import InputError
+from driveline.toml import read_toml
 
 log = logging.getLogger("cosim")
 
@@ -182,11 +182,7 @@ def load(path: str | Path, description: Mapping[str, Any] | None = None) -> Meas
     if not path.is_file():
         raise InputError(f"there is no measurement {path}")
     if path.suffix == ".toml":
-        try:
-            described = tomllib.loads(path.read_text(encoding="utf-8"))
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise InputError(f"{path}: {error}") from error
-        return _described(described, str(path), path.parent, path.parent.name)
+        return _described(read_toml(path)[1], str(path), path.parent, path.parent.name)
     described = dict(description or {})
     manoeuvres = _manoeuvres(described, str(path)) if described.get("manoeuvre") else [{}]
     if len(manoeuvres) != 1:
@@ -199,6 +195,7 @@ def load(path: str | Path, description: Mapping[str, Any] | None = None) -> Meas
 def _described(described: Mapping[str, Any], where: str, folder: Path, name: str) -> Measurement:
     """A measurement from the contents of its ``measurement.toml``."""
     _check_keys(described, "measurement", where)
+    vehicle, variant = (_text(described, key, where) for key in ("vehicle", "variant"))
     common = _table(described.get("channels", {}), f"{where}: channels")
     read = tuple(_manoeuvre(manoeuvre, common, where, folder) for manoeuvre in _manoeuvres(described, where))
     _refuse_twice(read, where)
@@ -208,10 +205,9 @@ def _described(described: Mapping[str, Any], where: str, folder: Path, name: str
     for manoeuvre in read:
         for notice in manoeuvre.notices:
             log.warning("%s", notice)
-    vehicle = described.get("vehicle")
-    if isinstance(vehicle, str) and vehicle.endswith(".toml") and (folder / vehicle).is_file():
+    if vehicle and vehicle.endswith(".toml") and (folder / vehicle).is_file():
         vehicle = str(folder / vehicle)
-    return Measurement(name, vehicle, described.get("variant"), read)
+    return Measurement(name, vehicle, variant, read)
 
 
 def _refuse_twice(read: Sequence[Manoeuvre], where: str) -> None:
@@ -240,9 +236,9 @@ def _manoeuvre(described: Mapping[str, Any], common: Mapping[str, Any], where: s
     if not isinstance(file, str):
         raise InputError(f"{where}: every [[manoeuvre]] needs file = \"...\"")
     where = f"{where}, {file}"
-    kind, gear, back = described.get("kind", ""), described.get("gear"), described.get("back", False)
+    kind, gear, back = _text(described, "kind", where) or "", described.get("gear"), described.get("back", False)
     if kind and kind not in KINDS:
-        raise InputError(f"{where}: kind is {kind!r}{did_you_mean(str(kind), KINDS, 20)}")
+        raise InputError(f"{where}: kind is {kind!r}{did_you_mean(kind, KINDS, 20)}")
     if gear is not None and (isinstance(gear, bool) or not isinstance(gear, int)):
         raise InputError(f"{where}: gear is {gear!r}: a whole number is needed")
     if not isinstance(back, bool):
@@ -271,7 +267,7 @@ def _manoeuvre(described: Mapping[str, Any], common: Mapping[str, Any], where: s
         channels = {name: _within(channel, where, **span) for name, channel in channels.items()}
     digest = hashlib.sha256(table.path.read_bytes()).hexdigest()
     return Manoeuvre(
-        str(described.get("name", _stem(Path(file)))), str(kind), gear, channels, back,
+        str(described.get("name", _stem(Path(file)))), kind, gear, channels, back,
         {"file": table.path.name, "sha256": digest,
          "channels": {name: channel.source for name, channel in channels.items()}},
         tuple(f"{table.path.name}: {notice}" for notice in dict.fromkeys(notices)), begun)
@@ -412,6 +408,14 @@ def _check_keys(table: Mapping[str, Any], kind: str, where: str) -> None:
         if key not in _KEYS[kind]:
             log.warning("%s: '%s' has no meaning in a %s and is ignored%s", where, key, kind,
                         did_you_mean(key, _KEYS[kind]))
+
+
+def _text(table: Mapping[str, Any], key: str, where: str) -> str | None:
+    """What a key says; None where it is missing."""
+    value = table.get(key)
+    if value is not None and not isinstance(value, str):
+        raise InputError(f"{where}: {key} is {value!r}: text is needed")
+    return value
 
 
 def _table(value: Any, where: str) -> Mapping[str, Any]:

@@ -20,6 +20,7 @@ from cosim.messages import did_you_mean
 from driveline.quantities import InputError
 
 _HEADER = re.compile(r"\s*(.*?)\s*(?:\[\s*([^\[\]]*?)\s*\])?\s*$", re.DOTALL)
+_SEPARATOR = re.compile(r'"?sep=(.)"?\s*$', re.IGNORECASE | re.DOTALL)  # a tab is one too
 _BLANK = ("", "na", "null", "none", "-")  # in small letters
 
 
@@ -83,25 +84,25 @@ def _read_csv(path: Path) -> DataTable:
     import polars
 
     try:
-        contents = _decoded(_unpacked(path))
-        text = io.StringIO(contents, newline="")
-        first = text.readline()
-        separator = ";" if first.count(";") > first.count(",") else "\t" if "\t" in first else ","
-        text.seek(0)
-        header = next((row for row in csv.reader(text, delimiter=separator) if row), [])
+        contents, separator, skipped = _from_header(_decoded(_unpacked(path)))
+        header = next(csv.reader(io.StringIO(contents, newline=""), delimiter=separator), [])
         # as text first: whether a column holds numbers matters only for those that are asked for;
         # from memory: in the name of a file polars takes brackets and stars for a pattern of several
         frame = polars.read_csv(contents.encode(), separator=separator, infer_schema=False)
     except polars.exceptions.NoDataError as error:
         raise InputError(f"{path} is empty: a header and rows of numbers are needed") from error
     except (UnicodeDecodeError, csv.Error, polars.exceptions.PolarsError) as error:
+        if isinstance(error, polars.exceptions.PolarsError) and (ragged := _wider(contents, separator, header)):
+            line, fields = ragged
+            raise InputError(f"{path}, line {line + skipped}: {fields} fields, but line {1 + skipped}, which has to "
+                             f"name the columns, has {len(header)}") from error
         raise InputError(f"{path} is not a readable CSV file: {str(error).splitlines()[0]}") from error
     named = _units_row(frame.row(0)) if frame.height else None
     if named is not None:
         frame = frame[1:]
     if frame.height == 0:
         raise InputError(f"{path} has a header but no rows")
-    above = 1 if named is None else 2  # lines
+    above = skipped + (1 if named is None else 2)  # lines
     places: dict[str, list[int]] = {}  # by name; logs often hold a column twice that nobody needs
     units = {}
     for place, written in enumerate(header):
@@ -127,6 +128,30 @@ def _read_csv(path: Path) -> DataTable:
         return Column(numbers.fill_null(np.nan).to_numpy().astype(np.float64), units[place])
 
     return DataTable(path, list(places), read)
+
+
+def _from_header(text: str) -> tuple[str, str, int]:
+    """A CSV file from the line on that names the columns, its separator, and how many lines were before that.
+
+    Before it may be blank lines, and the line with which spreadsheets are told the separator.
+    """
+    separator, skipped, begin, first = None, 0, 0, ""
+    for line in io.StringIO(text, newline=""):
+        told = _SEPARATOR.match(line) if separator is None else None
+        if told is None and line.strip():
+            first = line
+            break
+        separator = told[1] if told else separator
+        skipped, begin = skipped + 1, begin + len(line)
+    if separator is None:
+        separator = ";" if first.count(";") > first.count(",") else "\t" if "\t" in first else ","
+    return text[begin:], separator, skipped
+
+
+def _wider(text: str, separator: str, header: Sequence[str]) -> tuple[int, int] | None:
+    """Line and number of fields of the first row that has more of them than the header."""
+    rows = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
+    return next(((rows.line_num, len(row)) for row in rows if len(row) > len(header)), None)
 
 
 def _units_row(cells: Sequence[str | None]) -> list[str | None] | None:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import re
-import tomllib
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import cache
@@ -18,6 +17,7 @@ from typing import Any
 
 from ..elements.planetary import NEUTRAL, Gearbox, PlanetarySet, ShiftElement
 from ..quantities import InputError, Variable, from_values, parameter_variables
+from ..toml import read_toml
 
 BASELINE = "baseline"
 GEARS = (-1, 0, *range(1, 11))  # the gear each of the twelve entries of a gear table belongs to
@@ -140,11 +140,7 @@ class _File:
         if not self.path.is_file():
             raise InputError(f"no vehicle {str(name_or_path)!r}: the path of a TOML file is needed, "
                              f"or one of {', '.join(names())}")
-        try:
-            text = self.path.read_text(encoding="utf-8")
-            self.data = tomllib.loads(text)
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise InputError(f"{self.path}: this is not TOML: {error}") from None
+        text, self.data = read_toml(self.path)
         self.lines = dict(_lines(text))
         self.variants = self.data.pop("variant", {})
         if not isinstance(self.variants, dict) or set(map(type, self.variants.values())) - {dict}:

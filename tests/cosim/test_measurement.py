@@ -153,6 +153,26 @@ def test_letters_beyond_ascii_as_programs_on_windows_write_them(tmp_path, encodi
     assert load(tmp_path / "a.csv").manoeuvres[0]["force"].values.tolist() == [1.5]
 
 
+@pytest.mark.parametrize("above", ["", "\n", "\r\n \r\n", "sep=;\n", '"SEP=;"\r\n\n', "\nsep=;\n"])
+def test_what_spreadsheets_put_above_the_names_is_skipped(tmp_path, above):
+    (tmp_path / "a.csv").write_text(above + "time;force\n0,5;1,5\n", newline="")
+    assert load(tmp_path / "a.csv").manoeuvres[0]["force"].values.tolist() == [1.5]
+    (tmp_path / "a.csv").write_text(above + "time;force\n0;x\n", newline="")
+    with pytest.raises(InputError, match=f"line {above.count(chr(10)) + 2}, column 'force': 'x'"):
+        load(tmp_path / "a.csv")
+
+
+def test_a_separator_that_is_told_counts(tmp_path):
+    (tmp_path / "a.csv").write_text("sep=|\ntime|force, or so|force\n0|1|2\n")
+    assert load(tmp_path / "a.csv").manoeuvres[0]["force"].values.tolist() == [2.0]
+
+
+def test_a_description_may_begin_with_a_byte_order_mark(tmp_path):
+    write(tmp_path)
+    (tmp_path / "measurement.toml").write_text(TOML, encoding="utf-8-sig")
+    assert load(tmp_path).vehicle == "pickup_10r80"
+
+
 def test_gaps_are_found(tmp_path):
     times = np.concatenate([np.arange(100), np.arange(150, 200)]) * 0.01
     (tmp_path / "a.csv").write_text("time,force\n" + "".join(f"{t:.2f},1\n" for t in times))
@@ -284,6 +304,11 @@ def test_gzip_is_known_by_either_spelling_and_refused_by_name_where_it_is_damage
     (TOML.replace('column = "v"', 'column = "v"\ndelay = "late"'), CSV, r"channels.vehicle_speed.delay is 'late'"),
     (TOML.replace('column = "v"', 'column = "v"\ndelay = "3 m"'), CSV, r"channels.vehicle_speed.delay"),
     (TOML.replace("channels.engine_speed", "channels.engine_sped"), CSV, r"did you mean 'engine_speed'"),
+    (TOML.replace('"pickup_10r80"', "3"), CSV, r"measurement.toml: vehicle is 3: text is needed"),
+    ('variant = ["modified"]\n' + TOML, CSV, r"measurement.toml: variant is \['modified'\]: text is needed"),
+    (TOML.replace('"tip_in"', "0"), CSV, r"log.csv: kind is 0: text is needed"),
+    (TOML, "# logger 3\n" + CSV, r"log.csv, line 2: 6 fields, but line 1, which has to name the columns, has 1"),
+    (TOML, "\n" + CSV.replace("36,,,", "36,,,,,,"), r"log.csv, line 4: 9 fields, but line 2, which .*, has 6"),
     (TOML.replace("tip_in", "tipin"), CSV, r"kind is 'tipin'; did you mean 'tip_in'"),
     (TOML.replace("gear = 5", "gear = 5.5"), CSV, r"gear is 5.5: a whole number"),
     (TOML.replace("gear = 5", 'back = "yes"'), CSV, r"back is 'yes': true is needed"),

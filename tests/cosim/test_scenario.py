@@ -238,7 +238,7 @@ def test_a_parameter_can_be_what_was_measured_at_the_start(folder):
     ('"a.u" = "ramp"', '"a.u" = [1]', r"line 27: connections.a.u: the source is \[1\]"),
     ('"a.gear" = 3', '"a.gear" = 7', r"a.gear is 7: at most 6"),
     ('"b.seen"]', '"b.sen"]', r"nothing to record is called 'b.sen'; did you mean 'b.seen'"),
-    ('title = "Lag', 'title = Lag', r"scenario.toml: Invalid value .*line 1"),
+    ('title = "Lag', 'title = Lag', r"scenario.toml: this is not TOML: Invalid value .*line 1"),
     ("[connections]", '[compare]\n"a.y" = "gear"\n[connections]', r"compare: there is no measurement"),
     ("[connections]", '[measurement]\nkey = 1\n[connections]', r"needs a measurement"),
     ("[connections]", '[measurement]\npath = "log.csv"\nnmae = "a"\n[connections]',

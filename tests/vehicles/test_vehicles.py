@@ -92,6 +92,13 @@ def test_a_variant_changes_what_it_names_in_order_and_nothing_else(write):
     after.check(DECLARED)
 
 
+def test_a_file_may_begin_with_a_byte_order_mark(tmp_path):
+    """As editors on Windows begin one; lines are counted as they show them."""
+    path = tmp_path / "car.toml"
+    path.write_text('[a]\nb = { value = 2.0, unit = "t", source = "s" }\n', encoding="utf-8-sig")
+    assert load(path).values == {"a.b": 2000.0} and load(path).places["a.b"].endswith("line 2")
+
+
 @pytest.mark.parametrize("unit, si", [
     ("rpm", math.pi / 30), ("km/h", 1 / 3.6), ("lbf.ft", 1.3558179483314), ("N.m.s2/rad2", 1.0), ("mm", 1e-3),
     ("g.cm2", 1e-7), ("m/s^2", 1.0), ("1/min", 1 / 60), ("N.m/deg", 180 / math.pi), ("s-1", 1.0), ("1", 1.0),
