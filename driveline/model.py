@@ -14,6 +14,17 @@ from .quantities import InputError, Variable
 
 HOST_TELLS = "DRIVELINE_HOST_TELLS"  # set in the environment: the host shows what FMUs log, so errors are told once
 
+# [s], 48 days, before and after 0. Beyond it the doubles lie so far apart that two ways to compute one instant may
+# differ by more than what clocks of the kernels take as equal (TIME_TOLERANCE), and a sensor would miss its tick.
+LATEST = 2.0**22
+
+
+def check_time(time: float, what: str) -> None:
+    """Raise InputError for an instant that is too far from 0 to be counted."""
+    if not abs(time) <= LATEST:  # also NaN
+        raise InputError(f"{what} is {time:.10g} s: a time of at most {LATEST:.0f} s is needed, beyond which a number "
+                         "is no longer exact enough for the ticks of sensors: count from a later zero")
+
 
 class Model:
     """A block that advances in time.
@@ -65,8 +76,9 @@ class Model:
         """Check the parameters and inputs, assemble the model, set state and outputs.
 
         Raises:
-            InputError: A parameter or input is missing, not finite or out of range.
+            InputError: A parameter or input is missing, not finite or out of range, or it starts too late.
         """
+        check_time(start_time, "the start")
         self._check("parameter")
         self._check("input")
         self._prepare()
@@ -76,11 +88,13 @@ class Model:
         """Advance from ``time`` to ``time + dt`` [s] with the inputs held; refresh the outputs.
 
         Raises:
-            InputError: The step is not a positive length, or an input is not finite or out of range.
+            InputError: The step is not a positive length or comes too late, or an input is not finite or out of
+                range.
             ArithmeticError: The state left the finite numbers; the message names the signal.
         """
         if self.state.size == 0:
             raise InputError(f"{self.name} was not initialised: call initialize first")
+        check_time(time, "the time")
         if not 0.0 < dt < float("inf"):
             raise InputError(f"the communication step is {dt:g} s: a positive length is needed")
         self._check("input")

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from driveline.model import Model
+from driveline.kernels.layout import TIME_TOLERANCE
+from driveline.model import LATEST, Model
 from driveline.models import MODELS
 from driveline.quantities import InputError, Variable
 
@@ -134,6 +135,22 @@ def test_a_later_start_time_reaches_the_model():
     model = Integrator()
     model.initialize(5.0)
     assert model["y"] == 5.0
+
+
+def test_instants_that_are_possible_are_told_apart_as_finely_as_the_kernels_ask():
+    """An instant that is computed in two ways, each by two roundings, is one."""
+    assert 2.0 * np.spacing(np.nextafter(LATEST, 0.0)) <= TIME_TOLERANCE < 4.0 * np.spacing(LATEST)
+
+
+@pytest.mark.parametrize("time", [1.001 * LATEST, -1.001 * LATEST, 8.9e6, np.nan, np.inf])
+def test_a_time_beyond_which_clocks_are_not_exact_is_refused_and_nothing_moves(time):
+    with pytest.raises(InputError, match="the start is .* at most 4194304 s is needed"):
+        Integrator().initialize(time)
+    model = started(u=1.0)
+    before = model.save()
+    with pytest.raises(InputError, match="the time is .* at most 4194304 s is needed"):
+        model.step(time, 0.1)
+    assert model.save() == before
 
 
 @pytest.mark.parametrize("name", sorted(MODELS))

@@ -12,10 +12,10 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from cosim import units
+from driveline.model import check_time
 from driveline.quantities import InputError
 
 PER_SECOND = 1_000_000_000
-_LONGEST = 2**53  # nanoseconds a double still counts exactly: 104 days
 
 
 def nanoseconds(time: float | str, what: str) -> int:
@@ -25,9 +25,8 @@ def nanoseconds(time: float | str, what: str) -> int:
         InputError: No time, not finite, too large, or between two nanoseconds; the message starts with ``what``.
     """
     seconds = units.in_unit(time, "s", what)
+    check_time(seconds, what)
     scaled = seconds * PER_SECOND
-    if not math.isfinite(scaled) or abs(scaled) > _LONGEST:
-        raise InputError(f"{what} is {seconds:g} s: a time of at most {_LONGEST / PER_SECOND:g} s is needed")
     whole = round(scaled)
     if abs(scaled - whole) > max(1e-3, 4e-16 * abs(scaled)):
         raise InputError(f"{what} is {seconds!r} s: a whole number of nanoseconds is needed, the nearest is "

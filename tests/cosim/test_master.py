@@ -26,7 +26,7 @@ from cosim.master import (
     Table,
 )
 from cosim.master.participants import ModelParticipant
-from driveline.model import Model
+from driveline.model import LATEST, Model
 from driveline.quantities import InputError, Variable
 
 RAMP = Ramp(before=0.0, after=1.0, time=0.1, duration=0.1, unit="rad")
@@ -79,6 +79,23 @@ def test_the_run_ends_exactly_at_its_stop(step, stop):
 def test_a_run_may_start_anywhere():
     result = Master(step=0.01).add("a", counter()).run(start=799.95, stop=800.0)
     assert (result.time == np.round(np.arange(79995, 80001) / 100, 2)).all()
+
+
+@pytest.mark.parametrize("step", [1e-3, 7e-4])
+def test_a_run_that_starts_as_late_as_is_possible_is_that_from_zero(step):
+    """Delays, sensors and their ticks among it; later it is refused, before anything runs."""
+    def run(start):
+        torque = Step(before=-20.0, after=250.0, time=start + 0.05, unit="N.m")
+        return (Master(step=step).add("p", "plant_fom", twin=True, parameters={"start.vehicle_speed": 15.0})
+                .connect(torque, "p.engine_torque").run(stop=start + 0.5, start=start))
+
+    reference, late = run(0.0), run(LATEST - 1.0)
+    assert late.time - (LATEST - 1.0) == pytest.approx(reference.time, abs=1e-9)
+    for name in reference.names:
+        assert late[name] == pytest.approx(reference[name], rel=0, abs=1e-4 * np.ptp(reference[name]) + 1e-9), name
+    for start in (LATEST - 0.1, 8.9e6):
+        with pytest.raises(InputError, match="^(start|stop) is .* at most 4194304 s is needed"):
+            run(start)
 
 
 def test_a_lag_of_several_rates_follows_its_exact_solution():
