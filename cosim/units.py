@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 import numbers
 import re
+from collections.abc import Mapping
 from importlib import resources
 
 import pint
@@ -17,6 +18,8 @@ from driveline.quantities import InputError
 
 _ANGLE_PREFIXES = ("", "milli", "micro", "ste")  # the steradian is a unit of its own
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*$", re.DOTALL)
+_defined: dict[str, str] = {}  # what FMUs say of units, by name
+_ambiguous: set[str] = set()  # names that two FMUs define otherwise
 
 
 @functools.cache
@@ -34,13 +37,43 @@ def registry() -> pint.UnitRegistry:
     return units
 
 
+def define(name: str, base: Mapping[str, int], factor: float = 1.0, offset: float = 0.0) -> None:
+    """Note what an FMU says of a unit: it counts where nobody knows the name.
+
+    Args:
+        base: Exponents of kg, m, s, A, K, mol, cd and rad; ``value_in_base = factor * value + offset`` (FMI 2.0.4,
+            section 2.2.2).
+    """
+    meaning = " * ".join([repr(factor), *(f"{unit} ** {power}" for unit, power in base.items())])
+    meaning += f"; offset: {offset!r}" if offset else ""
+    if _defined.setdefault(name, meaning) != meaning:  # one name, two units: whoever needs it is told
+        _ambiguous.add(name)
+        parse.cache_clear()
+        conversion.cache_clear()
+
+
 @functools.cache
 def parse(text: str) -> pint.Unit:
     """The unit written as ``text``: FMI spelling (``kg.m2``, ``rad/s``, ``s-1``, ``1``) or pint's.
 
     Raises:
-        InputError: Nobody knows this unit, or it is a multiple of the radian that nobody measures in.
+        InputError: Nobody knows this unit, two FMUs define it otherwise, or it is a multiple of the radian that
+            nobody measures in.
     """
+    try:
+        return _known(text)
+    except InputError:
+        if text in _ambiguous:
+            raise InputError(f"unit '{text}' is defined by two FMUs, and not alike") from None
+        if text not in _defined:
+            raise
+    name = f"fmu_unit_{list(_defined).index(text)}"
+    registry().define(f"{name} = {_defined[text]}")
+    return registry().Unit(name)
+
+
+def _known(text: str) -> pint.Unit:
+    """As ``parse``, without what FMUs define."""
     if text.strip() in ("1", "", "-"):
         return registry().Unit("")
     spelled = text.strip().replace("%", "percent").replace("·", "*")
@@ -67,6 +100,8 @@ def conversion(source: str, target: str) -> tuple[float, float]:
         InputError: A unit is unknown, or the two do not measure the same thing.
     """
     if source == target:
+        if source in _ambiguous:
+            parse(source)
         return 1.0, 0.0
     quantity = registry().Quantity
     try:

@@ -34,6 +34,7 @@ from fmpy.fmi2 import (
     fmi2Warning,
 )
 
+from cosim import units
 from cosim.master.participants import SimulationError
 from driveline.model import HOST_TELLS
 from driveline.quantities import WHOLE, InputError, Variable
@@ -43,6 +44,7 @@ log = logging.getLogger("cosim")
 _KINDS = {"Real": "real", "Integer": "integer", "Enumeration": "integer", "Boolean": "boolean",
           "String": "string"}
 _LEVELS = {0: logging.DEBUG, fmi2Warning: logging.WARNING, 5: logging.INFO}  # of what an FMU logs: ok, warning, pending
+_BASE = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")  # what units are defined by
 _STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
 # What PythonFMU puts before the words of an exception: the names of its own functions.
 _PREAMBLE = re.compile(r"Fatal py exception encountered: .*\n")
@@ -143,6 +145,10 @@ class FmuParticipant:
 
     def _read_variables(self) -> tuple[dict[str, Variable], bool]:
         description = self.description
+        for unit in description.unitDefinitions:
+            if (base := unit.baseUnit) is not None:
+                units.define(unit.name, {symbol: power for symbol in _BASE if (power := getattr(base, symbol))},
+                             base.factor, base.offset)
         inputs = tuple(v.name for v in description.modelVariables if v.causality == "input")
         declared = {unknown.variable.name: unknown.dependencies for unknown in description.outputs}
         variables = {}
@@ -154,14 +160,15 @@ class FmuParticipant:
                     d.name for d in known if d.causality == "input")
             kind = _KINDS[v.type]
             # only reals can declare a unit in FMI 2.0; the others count
-            unit = v.unit or (v.declaredType.unit if v.declaredType else None) or (
-                "" if kind == "real" else "1")
+            unit = _declared(v, "unit") or ("" if kind == "real" else "1")
             start = v.start if kind == "string" else _number(v.start)
+            items = [int(item.value) for item in v.declaredType.items] if v.type == "Enumeration" else []
             variables[v.name] = Variable(
                 v.name, unit=unit, meaning=v.description or "", causality=v.causality or "local",
                 variability=v.variability or "continuous", kind=kind, start=start,
-                minimum=_number(v.min, None), maximum=_number(v.max, None),
-                nominal=_number(v.nominal, None), depends_on=depends_on)
+                minimum=_number(_declared(v, "min"), min(items, default=None)),
+                maximum=_number(_declared(v, "max"), max(items, default=None)),
+                nominal=_number(_declared(v, "nominal"), None), depends_on=depends_on)
         return variables, all(dependencies is not None for dependencies in declared.values())
 
     def open(self, start: dict[str, float | str], inputs: Sequence[str], outputs: Sequence[str],
@@ -373,6 +380,12 @@ class _Transfer:
             self._owner.fail(self._name, status)
         if self._local is not None:
             self._shared[self._positions] = self._local
+
+
+def _declared(variable: Any, attribute: str) -> str | None:
+    """What the model description says of a variable, or of its type where it says nothing itself."""
+    own = getattr(variable, attribute)
+    return own if own is not None else getattr(variable.declaredType, attribute, None)
 
 
 def _number(text: str | None, missing: float | None = 0.0) -> float | None:

@@ -369,6 +369,29 @@ def test_an_error_that_an_fmu_logs_but_survives_is_told(strict_fmu, caplog):
     assert [record.getMessage() for record in caplog.records] == ["s: not so well"]
 
 
+# ---- what an FMU declares ----
+
+def test_a_unit_that_an_fmu_defines_itself_is_converted_and_kept(strict_fmu):
+    """Reading, driving and setting: engineRev is 0.1 rad/s, as its UnitDefinitions say."""
+    master = Master(step=0.1).add("s", strict_fmu, parameters={"k": 3.0}).add("t", strict_fmu)
+    result = (master.connect(Constant(value=20.0, unit="rad/s"), "s.u").connect("s.y", "t.u")
+              .record("s.u", "s.y", "t.y").run(stop=0.5))
+    assert (result["s.u"] == pytest.approx(200.0)) and result["s.y"][-1] == pytest.approx(600.0)
+    assert result["t.y"][-1] == pytest.approx(600.0) and result.units["t.y"] == "engineRev"
+    with pytest.raises(InputError, match="'engineRev' cannot be converted to 's'|'s'.*'engineRev'"):
+        Master().add("s", strict_fmu).connect(Constant(value=1.0, unit="s"), "s.u")
+
+
+def test_a_variable_has_the_unit_and_range_of_its_type_where_it_has_none_itself(strict_fmu):
+    variables = FmuParticipant("s", strict_fmu).variables
+    assert (variables["u"].unit, variables["u"].range) == ("engineRev", (-9000.0, 9000.0))
+    assert (variables["y"].unit, variables["y"].range) == ("engineRev", (-9000.0, 5000.0))
+    assert variables["mode"].range == (1, 2)
+    for value, name, words in ((9001.0, "u", "u is 9001 engineRev: at most 9000"), (3, "mode", "mode is 3: at most 2")):
+        with pytest.raises(InputError, match=words):
+            Master(step=0.1).add("s", strict_fmu).connect(value, f"s.{name}").run(stop=0.1)
+
+
 # ---- integers ----
 
 class Far(Chain):

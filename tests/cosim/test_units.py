@@ -65,3 +65,33 @@ def test_a_value_carries_its_unit_or_is_in_the_one_wanted():
 def test_the_message_names_what_is_wrong(value, words):
     with pytest.raises(InputError, match=f"^speed is .*{words}"):
         units.in_unit(value, "m/s", "speed")
+
+
+def test_what_an_fmu_defines_is_known_where_nobody_else_knows_the_name():
+    units.define("crankTurn/", {"rad": 1, "s": -1}, 2.5)
+    assert units.conversion("crankTurn/", "rad/s") == (pytest.approx(2.5, rel=1e-15), 0.0)
+    assert units.conversion("rpm", "crankTurn/") == (pytest.approx(math.pi / 75, rel=1e-15), 0.0)
+    units.define("Réaumur", {"K": 1}, 1.25, 273.15)
+    assert units.conversion("Réaumur", "degC") == (pytest.approx(1.25), pytest.approx(0.0, abs=1e-9))
+    assert units.in_unit("80 Réaumur", "K", "T") == pytest.approx(373.15)
+    units.define("Nothing%%", {})
+    assert units.conversion("Nothing%%", "%")[0] == pytest.approx(100.0)
+    with pytest.raises(InputError, match="cannot be converted"):
+        units.conversion("crankTurn/", "Hz")
+
+
+def test_what_is_known_is_not_defined_anew():
+    for factor in (7.0, 8.0):
+        units.define("rpm", {"rad": 1, "s": -1}, factor)
+    assert units.conversion("rpm", "rpm") == (1.0, 0.0)
+    assert units.conversion("rpm", "rad/s")[0] == pytest.approx(math.pi / 30)
+
+
+def test_a_name_that_two_fmus_define_otherwise_is_refused_where_it_is_used():
+    """Also from one to the other, where it looks like the same unit."""
+    for factor in (2.0, 2.0, 3.0):
+        assert factor == 3.0 or units.conversion("step*", "step*") == (1.0, 0.0)
+        units.define("step*", {"rad": 1}, factor)
+    for pair in (("step*", "rad"), ("step*", "step*")):
+        with pytest.raises(InputError, match=r"'step\*' is defined by two FMUs"):
+            units.conversion(*pair)
