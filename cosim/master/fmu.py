@@ -34,6 +34,7 @@ from fmpy.fmi2 import (
     fmi2Warning,
 )
 
+import driveline
 from cosim import units
 from cosim.master.participants import SimulationError
 from driveline.model import HOST_TELLS
@@ -64,7 +65,24 @@ def extracted(path: Path) -> tuple[Path, str]:
         atexit.register(folder.cleanup)
         fmpy.extract(str(path), folder.name)
         _extracted[digest] = Path(folder.name)
+        if changed := _built_from_other_source(_extracted[digest]):
+            log.warning("%s was built from another source than this (%s is not the same): run `driveline build`", path,
+                        changed)
     return _extracted[digest], digest
+
+
+def _built_from_other_source(folder: Path) -> str | None:
+    """A module of the payload that is another one here than in this FMU; None also for somebody else's FMU.
+
+    What is only there, or only here, is imported by one that differs.
+    """
+    here = Path(driveline.__file__).parent
+    for shipped in (folder / "resources").glob("driveline_*"):
+        for module in sorted(shipped.rglob("*.py")):
+            source = here / module.relative_to(shipped)
+            if source.is_file() and source.read_bytes() != module.read_bytes():
+                return f"driveline/{module.relative_to(shipped).as_posix()}"
+    return None
 
 
 def _is_pythonfmu(description: Any) -> bool:

@@ -371,6 +371,20 @@ def test_an_error_that_an_fmu_logs_but_survives_is_told(strict_fmu, caplog):
 
 # ---- what an FMU declares ----
 
+def test_an_fmu_that_was_built_from_another_source_is_named_once(fmus, foreign_fmu, tmp_path, caplog):
+    """A constant that changed since is in no parameter: nothing else would show it."""
+    def older(name, data):
+        return name, data + b"# as it was\n" if name.endswith("/quantities.py") else data
+
+    old = repacked(fmus / "lag.fmu", tmp_path / "old.fmu", older)
+    for fmu in (old, fmus / "lag.fmu", foreign_fmu, old):
+        Master(step=0.1).add("a", fmu).run(stop=0.1)
+    said, = caplog.messages
+    assert f"{old} was built from another source than this (driveline/quantities.py is not the same)" in said
+    assert "driveline build" in said
+
+
+
 def test_a_unit_that_an_fmu_defines_itself_is_converted_and_kept(strict_fmu):
     """Reading, driving and setting: engineRev is 0.1 rad/s, as its UnitDefinitions say."""
     master = Master(step=0.1).add("s", strict_fmu, parameters={"k": 3.0}).add("t", strict_fmu)
