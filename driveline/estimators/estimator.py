@@ -160,7 +160,7 @@ class Estimator(KernelModel):
 
 
 def check_forward(ratio: float) -> None:
-    """Raise InputError unless a transmission ratio is that of a forward gear: torque that drives lies on its flank."""
+    """Raise InputError unless a transmission ratio is that of a forward gear, where drive is taken to be on flank 1."""
     if not ratio > 0.0:
         raise InputError(f"gear.transmission_ratio is {ratio:g}: a forward gear is needed")
 

@@ -268,3 +268,22 @@ def test_rolling_resistance_resists_in_reverse_too():
     found = estimate(run(full, 3.0), gear=-1)
     without = estimate(run(full, 3.0), gear=-1, vehicle__rolling_resistance_force=0.0)
     assert np.mean(found["unexplained_torque"][100:]) < np.mean(without["unexplained_torque"][100:])
+
+
+def test_in_reverse_drive_lies_on_the_other_flank():
+    """It asks for no forward gear: torque and speed come with their signs. The others look for drive on flank 1.
+
+    A lash is crossed as late as in first gear, whose ratio is alike.
+    """
+    late = {}
+    for gear, drive in ((1, 1.0), (-1, -1.0)):
+        full = plant("plant_fom", {"engine.air_lag": 0.0, "engine.air_delay": 0.0, "start.vehicle_speed": 4.0 * drive},
+                     gear=gear, engine_torque=-30.0)
+        record = run(full, 2.0, engine_torque=ramp(250))
+        found = estimate(record, gear=gear)
+        assert (found["contact"][20], found["contact"][-1]) == (-drive, drive)
+        assert (record["final_drive_contact"][200], record["final_drive_contact"][-1]) == (-drive, drive)
+        assert (found["trusted"] == 1.0).all()
+        crossed = np.argmax((record["final_drive_contact"] == drive) & (record["transmission_contact"] != 0.0))
+        late[gear] = found["traversal_end"][-1] - record["time"][crossed]
+    assert late[-1] == pytest.approx(late[1], abs=0.0101) and 0.0 <= late[-1] <= 0.05
