@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 import typing
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 WHOLE = (-2**31, 2**31 - 1)  # what an integer of FMI 2.0, which has 32 bits, can be
+_ANY = (-math.inf, math.inf)
 
 
 class InputError(ValueError):
@@ -53,9 +55,9 @@ class Variable:
     @property
     def range(self) -> tuple[float, float]:
         """Smallest and largest value that is possible: as declared, and for an integer what its 32 bits hold."""
-        low, high = WHOLE if self.kind == "integer" else (float("-inf"), float("inf"))
-        return (low if self.minimum is None else max(low, self.minimum),
-                high if self.maximum is None else min(high, self.maximum))
+        low, high = WHOLE if self.kind == "integer" else _ANY
+        return (low if self.minimum is None or self.minimum < low else self.minimum,
+                high if self.maximum is None or self.maximum > high else self.maximum)
 
     def check(self, value: float) -> None:
         """Raise InputError unless ``value`` is finite and inside the range of this variable."""

@@ -337,7 +337,7 @@ def test_a_value_that_is_not_finite_is_named(foreign_fmu):
 @pytest.mark.parametrize("beside", [False, True])
 def test_only_what_runs_is_terminated_and_an_error_is_told_once(strict_fmu, caplog, parameters, u, words, beside):
     """The FMU refuses every call that the standard forbids in its state, and says so: also one beside that failed."""
-    caplog.set_level(logging.WARNING)
+    caplog.set_level(logging.WARNING, "cosim")
     master = Master(step=0.1).add("s", strict_fmu, parameters=parameters).connect(u, "s.u")
     if beside:
         master.add("b", strict_fmu)
@@ -351,6 +351,7 @@ def test_only_what_runs_is_terminated_and_an_error_is_told_once(strict_fmu, capl
 
 
 def test_what_one_of_our_fmus_refuses_is_told_once(fmus, tmp_path, caplog, capfd):
+    caplog.set_level(logging.WARNING, "cosim")
     loose = repacked(fmus / "lag.fmu", tmp_path / "loose.fmu",
                      lambda name, data: (name, data.replace(b'min="1e-06"', b'')))
     with pytest.raises(InputError) as caught:
@@ -360,6 +361,7 @@ def test_what_one_of_our_fmus_refuses_is_told_once(fmus, tmp_path, caplog, capfd
 
 
 def test_an_error_that_an_fmu_logs_but_survives_is_told(strict_fmu, caplog):
+    caplog.set_level(logging.WARNING, "cosim")
     participant = FmuParticipant("s", strict_fmu)
 
     def complain(now):
@@ -373,6 +375,7 @@ def test_an_error_that_an_fmu_logs_but_survives_is_told(strict_fmu, caplog):
 
 def test_an_fmu_that_was_built_from_another_source_is_named_once(fmus, foreign_fmu, tmp_path, caplog):
     """A constant that changed since is in no parameter: nothing else would show it."""
+    caplog.set_level(logging.WARNING, "cosim")
     def older(name, data):
         return name, data + b"# as it was\n" if name.endswith("/quantities.py") else data
 
