@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 from driveline.quantities import InputError
 
@@ -32,7 +33,8 @@ class EffectParameter:
         meaning: One line.
         scale: ``log``: the size is a factor; ``linear``: it is added.
         spread: Standard deviation of the prior, of ``coordinate``.
-        limits: Smallest and largest size that is plausible; outside it is not a cause.
+        limits: Smallest and largest size that is plausible; outside it is not a cause. Where the smallest is neutral,
+            of a file that has none: what a file has can be taken away.
         detection: Rough smallest change of ``coordinate`` that shows in a few recordings.
         probes: Sizes from which to start a search, for effects that do nothing while they are small.
         nominal: What the vehicle file has of it, in its unit, where that is not the first target.
@@ -90,9 +92,16 @@ class EffectParameter:
         ends = {name: self.physical(end, values)[1] for name, end in (("low90", low), ("high90", high))}
         return {"nominal": nominal, "value": value, **ends, "unit": unit}
 
+    @property
+    def one_sided(self) -> bool:
+        """Whether there may be none of it, and not less than that."""
+        return self.scale == "linear" and self.limits[0] == self.neutral
+
     def range(self, values: Values) -> tuple[float, float]:
         """Smallest and largest size that is plausible and that a vehicle can have."""
         low, high = self.limits
+        if self.one_sided:
+            low -= self.physical(self.neutral, values)[0]
         return self.within(low, values), self.within(high, values)
 
     def within(self, size: float, values: Values) -> float:
@@ -120,6 +129,15 @@ def shift(name: str, *targets: str, unit: str, meaning: str, spread: float, limi
           possible: Callable[[Values], tuple[float, float]] | None = None) -> EffectParameter:
     """A number that adds to what the vehicle file says."""
     return EffectParameter(name, targets, unit, meaning, "linear", spread, limits, detection, probes, nominal, possible)
+
+
+def no_less_than_none(name: str) -> Callable[[Values], tuple[float, float]]:
+    """What is ``possible`` of a shift of what cannot be negative: at most all that there is can be taken away."""
+    return partial(_down_to_none, name)
+
+
+def _down_to_none(name: str, values: Values) -> tuple[float, float]:
+    return 0.0 - values[name], math.inf
 
 
 def scaled(parameters: tuple[EffectParameter, ...], sizes: Values, values: Values) -> dict[str, float]:

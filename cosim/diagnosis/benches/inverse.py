@@ -208,7 +208,7 @@ class Inverse(Torques):
                 if not p.limits[0] <= p.neutral + step <= p.limits[1]:
                     step = -step
                 # what the file has none of, and cannot be less than none, a healthy bench has none of
-                absent = p.neutral in p.limits and not any(self.plant.values.get(t, 0.0) for t in p.targets)
+                absent = p.one_sided and not any(self.plant.values.get(t, 0.0) for t in p.targets)
                 tolerance = 0.0 if absent else TOLERANCE * p.detection
                 yield Direction(p.name, effect.name, p, step, tolerance, spread)
         for c in self.channels:

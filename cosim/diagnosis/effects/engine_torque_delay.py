@@ -6,18 +6,18 @@ comes late together, from the engine to the vehicle.
 
 from __future__ import annotations
 
-from cosim.diagnosis.effect import Effect, shift
+from cosim.diagnosis.effect import Effect, no_less_than_none, shift
 
 EFFECT = Effect(
     acts_on="input engine_torque",
     parameters=(
         shift("engine_torque_delay", "engine.air_delay", unit="s",
               meaning="delay of the air path beyond the file's",
-              spread=0.02, limits=(-0.04, 0.3), detection=0.006),
+              spread=0.02, limits=(-0.04, 0.3), detection=0.006, possible=no_less_than_none("engine.air_delay")),
     ),
     elsewhere=(
         shift("drive_delay", "drive.delay", unit="s",
               meaning="delay of a carriage's drive beyond the file's",
-              spread=0.02, limits=(-0.04, 0.3), detection=0.006),
+              spread=0.02, limits=(-0.04, 0.3), detection=0.006, possible=no_less_than_none("drive.delay")),
     ),
 )

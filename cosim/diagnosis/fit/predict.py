@@ -20,7 +20,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from cosim.diagnosis.catalogue import CATALOGUE
-from cosim.diagnosis.effect import Effect, EffectParameter, factor, scaled
+from cosim.diagnosis.effect import Effect, EffectParameter, Values, factor, scaled
 from cosim.diagnosis.fit.noise import WANDER, bends, floor, wander
 from cosim.diagnosis.plants import STEP, FullOrderCar, Nuisance, Run
 from cosim.diagnosis.plants.hats import MEMORY, comb, fast, hats, lasting, parted, teeth
@@ -89,6 +89,8 @@ class Coordinate:
         All that there is of something may be gone; what is at another end would have to be beyond.
         """
         low, high = (self.low, self.high) if self.phase else map(self.parameter.coordinate, self.parameter.limits)
+        if self.parameter.one_sided and not self.phase:
+            low = -np.inf
         return low + self.tolerance < x < high - self.tolerance or abs(x) < self.tolerance
 
     @property
@@ -107,7 +109,7 @@ def coordinates(car: FullOrderCar, runs: Sequence[Run],
             continue
         swings = dict(zip((p.name for p in effect.parameters), effect.nuisances))
         for p in effect.parameters:
-            if not _visible(p, channels):
+            if not _visible(p, channels) or _idle(p, car.values):
                 continue
             healthy = TOLERANCE * p.detection
             alone = len(effect.parameters) > 1 and not effect.joint
@@ -146,6 +148,14 @@ def _nuisances(run: Run) -> dict[str, tuple[float, float]]:
 
 def _entries(name: str, values: Mapping[str, float]) -> list[str]:
     return [n for n in values if n.startswith(name[:-2])] if name.endswith("[*]") else [name]
+
+
+def _idle(parameter: EffectParameter, values: Values) -> bool:
+    """Whether it does nothing in this vehicle: a factor on what is not there, or what cannot be more or less."""
+    entries = [name for target in parameter.targets for name in _entries(target, values)]
+    nothing = parameter.scale == "log" and not any(values.get(name, parameter.neutral) for name in entries)
+    low, high = parameter.range(values)
+    return nothing or low >= high
 
 
 def _visible(parameter: EffectParameter, channels: set[str]) -> bool:

@@ -5,9 +5,11 @@ from functools import partial
 
 import numpy as np
 import pytest
-from floors import FLOORS
+from floors import FLOORS, measured
 
+from cosim.diagnosis.fit.fitting import Fitter
 from cosim.diagnosis.fit.predict import WANDERS, Predictor, amplitude, coordinates
+from cosim.diagnosis.plants import FullOrderCar
 from cosim.diagnosis.plants.hats import hats
 
 
@@ -39,6 +41,47 @@ def test_what_is_not_there_cannot_be_taken_away(car_and_run):
     assert all(c.plausible(c.low) for c in (compliance, period, gap))
     assert not compliance.plausible(compliance.high) and not by_name["vehicle_mass"].plausible(
         by_name["vehicle_mass"].low)
+
+
+GAPS = ("transmission.half_gap", "final_drive.half_gap")
+
+
+@pytest.mark.parametrize("changes", [
+    {"engine.air_delay": 0.0},
+    dict.fromkeys(GAPS, 0.0),
+    {"coulomb_drag.torque": 40.0, "slip_control.target": 1.0, "asymmetric_friction.coast_loss_fraction": 0.1},
+], ids=lambda changes: next(iter(changes)))
+def test_a_car_with_none_of_something_or_more_than_others_is_fitted(car_and_run, changes):
+    """With no delay in the file one that noise made 0.1 ms less was refused, and no fit moved at all."""
+    _, run = car_and_run
+    car = FullOrderCar("pickup_10r80", "modified", changes)
+    zero = np.zeros(len(coordinates(car, [run])))
+    heavier = car.raw(car.values | {"vehicle.mass": 1.2 * car.values["vehicle.mass"]}, run.free)
+    with Predictor(car, [measured(car, run, heavier)], coordinates(car, [run])) as predictor:
+        declared = predictor.coordinates
+        assert all(c.low < c.high for c in declared)
+        for i, c in enumerate(declared):
+            for end in (c.low, c.high):
+                if c.effect and c.run is None:
+                    assert predictor.predict(np.eye(zero.size)[i] * np.clip(end, -c.spread, c.spread), 0) is not None
+        fitter = Fitter(predictor)
+        file = fitter.nominal()
+        noise = fitter.noise(file)
+        fitted = fitter.settle(fitter.assess(replace(file, causes=("vehicle_mass",)), noise), noise)
+        [mass] = predictor.index("vehicle_mass")
+    assert fitted.shared[mass] == pytest.approx(np.log(1.2), abs=0.01)
+
+
+def test_what_the_file_has_of_an_effect_can_be_taken_away(car_and_run):
+    car, run = car_and_run
+    had = {"coulomb_drag.torque": 40.0, "slip_control.target": 1.0, "asymmetric_friction.coast_loss_fraction": 0.1}
+    other = FullOrderCar(car.vehicle, car.variant, had)
+    declared = coordinates(other, [run])
+    gone = np.array([c.low if c.parameter and c.parameter.targets[0] in had else 0.0 for c in declared])
+    assert np.count_nonzero(gone) == len(had)
+    assert all(c.plausible(x) for c, x in zip(declared, gone) if x)
+    values, _ = Predictor(other, [run], declared).values(gone, 0)
+    assert values == pytest.approx(other.values | dict.fromkeys(had, 0.0))
 
 
 def test_several_processes_say_the_same(car_and_run):
