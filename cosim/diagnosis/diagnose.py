@@ -103,7 +103,7 @@ def diagnose(path: Path, out: Path | None = None, *, vehicle: str | None = None,
     if isinstance(car, FullOrderCar):
         plausible.check(car, measurement, [*stretches, *further])
     runs, reserved = _reserve(stretches)
-    notices = _notices(measurement, car, runs, reserved)
+    notices = [*_without_swings(car), *_notices(measurement, car, runs, reserved)]
     diagnosis = Diagnosis({}, measurement, car, runs, reserved, further, notices=notices)
     for notice in diagnosis.notices:
         say(notice)
@@ -121,6 +121,22 @@ def diagnose(path: Path, out: Path | None = None, *, vehicle: str | None = None,
         write_text(out / "report.html", render(diagnosis))
         write_text(out / "finding.json", json.dumps(diagnosis.finding, indent=2) + "\n")
     return diagnosis
+
+
+def _without_swings(car: InstrumentedPlant) -> list[str]:
+    """Takes out of a car what swings with an angle, and says so.
+
+    A file has no phase for it that is that of a recording: as it is it would only be wrong once more.
+    """
+    notices = []
+    for effect in CATALOGUE.values():
+        for p, _ in zip(effect.parameters, effect.nuisances):
+            [target] = p.targets
+            if had := car.values.get(target, 0.0):
+                car.values[target] = 0.0
+                notices.append(f"the vehicle file has {target} = {had:g} {p.unit}, but no recording's phase of it: "
+                               "it is taken out, and all that is found of it is said")
+    return notices
 
 
 def _reserve(runs: list[Run]) -> tuple[list[Run], list[Run]]:

@@ -7,7 +7,7 @@ import pytest
 
 from cosim.diagnosis import diagnose
 from cosim.diagnosis.diagnose import _reserve
-from cosim.diagnosis.plants import Run
+from cosim.diagnosis.plants import FullOrderCar, Run
 from cosim.diagnosis.search.identification import Identification
 from driveline.quantities import InputError
 
@@ -69,3 +69,13 @@ def test_a_data_file_is_that_of_the_vehicle_it_is_said_to_be(tmp_path):
         diagnose.diagnose(path)
     with pytest.raises(InputError, match="at least 2 s are needed"):  # it is a car's, and too short
         diagnose.diagnose(path, vehicle="pickup_10r80", variant="modified")
+
+
+def test_what_swings_in_a_vehicle_file_is_taken_out_and_looked_for():
+    """Beside it nothing could be less, and a swing of nothing turned all of it into another phase."""
+    car = FullOrderCar("pickup_10r80", "modified", {"torque_ripple.amplitude": 30.0})
+    others = {name: value for name, value in car.values.items() if name != "torque_ripple.amplitude"}
+    [notice] = diagnose._without_swings(car)
+    assert "torque_ripple.amplitude = 30 N.m" in notice
+    assert car.values == others | {"torque_ripple.amplitude": 0.0}
+    assert not diagnose._without_swings(car)
