@@ -227,7 +227,7 @@ class FullOrderCar(InstrumentedPlant):
         found, further = ([run for parts in cut for run in parts[k]] for k in (0, 1))
         if not found:
             raise InputError(f"measurement '{measurement.name}': no stretch of at least {SHORTEST:g} s in one forward "
-                             "gear above walking pace, so there is nothing to compare")
+                             "gear above walking pace in which anything changes, so there is nothing to compare")
         return found, further
 
     def _cut(self, manoeuvre: Manoeuvre) -> tuple[list[Run], list[Run]]:
@@ -246,8 +246,8 @@ class FullOrderCar(InstrumentedPlant):
             run = self._run(manoeuvre, present, manoeuvre.name, start, stop)
             return [run] if run else [], []
         spans = self._spans(manoeuvre, start, stop)
-        runs = [run for i, (begin, end) in enumerate(spans, start=1)
-                if (run := self._run(manoeuvre, present, f"{manoeuvre.name}_{i}", begin, end))]
+        runs = [run for i, span in enumerate(spans, start=1)
+                if (run := self._run(manoeuvre, present, f"{manoeuvre.name}_{i}", *span))]
         if len(spans) == 1 and runs:
             return [dataclasses.replace(runs[0], name=manoeuvre.name)], []
         lively = sorted(runs, key=lambda run: -float(np.std(run.inputs[:, 0])))
@@ -278,8 +278,8 @@ class FullOrderCar(InstrumentedPlant):
                 raise InputError(f"manoeuvre '{manoeuvre.name}': {name} is negative most of the time, and only driving "
                                  "forward is looked at: is its sign right?")
 
-    def _in_gear(self, manoeuvre: Manoeuvre, start: float, stop: float) -> list[tuple[float, float]]:
-        """Parts of one gear each; what gear a drive was in the speeds tell where nobody else does.
+    def _in_gear(self, manoeuvre: Manoeuvre, start: float, stop: float) -> list[tuple[float, float, int | None]]:
+        """Parts of one gear each, and which where the speeds tell it: of a drive where nobody else does.
 
         Raises:
             InputError: The speeds have the ratio of no gear.
@@ -289,9 +289,9 @@ class FullOrderCar(InstrumentedPlant):
             change = np.flatnonzero(np.diff(gear.values)) + 1
             inside = (gear.time[change] > start) & (gear.time[change] < stop)
             edges = [start, *gear.time[change][inside].tolist(), stop]
-            return list(zip(edges, edges[1:]))
+            return [(begin, end, None) for begin, end in zip(edges, edges[1:])]
         if manoeuvre.kind != "drive" or manoeuvre.gear is not None:
-            return [(start, stop)]
+            return [(start, stop, None)]
         times = np.arange(start, stop, _FINE)
         ratios = self._ratio(manoeuvre, times)
         gears = self._gears_at(ratios)
@@ -301,24 +301,26 @@ class FullOrderCar(InstrumentedPlant):
                              f"as fast as the wheels, in gear {known} times: write gear = N in its [[manoeuvre]]")
         edges = np.flatnonzero(np.diff(gears, prepend=-1, append=-1))
         ends = [*times.tolist(), stop]
-        return [(ends[a], ends[b]) for a, b in zip(edges, edges[1:]) if gears[a]]
+        return [(ends[a], ends[b], int(gears[a])) for a, b in zip(edges, edges[1:]) if gears[a]]
 
-    def _spans(self, manoeuvre: Manoeuvre, start: float, stop: float) -> list[tuple[float, float]]:
-        """Stretches of constant gear, none longer than ``LONGEST``."""
+    def _spans(self, manoeuvre: Manoeuvre, start: float, stop: float) -> list[tuple[float, float, int | None]]:
+        """Stretches of constant gear, none longer than ``LONGEST``, with the gear as ``_in_gear``."""
         spans = []
-        for begin, end in self._in_gear(manoeuvre, start, stop):
+        for begin, end, gear in self._in_gear(manoeuvre, start, stop):
             # what a shift shakes up rings down first; the clutches of the next shift begin before its flag
             begin, end = begin + 0.8 * (begin != start), end - 0.3 * (end != stop)
             for first, last in _coupled(manoeuvre, begin, end):
                 count = max(1, int(np.ceil((last - first) / LONGEST)))
                 bounds = np.linspace(first, last, count + 1)
-                spans += [(float(a), float(b)) for a, b in zip(bounds, bounds[1:]) if b - a >= SHORTEST]
+                spans += [(float(a), float(b), gear) for a, b in zip(bounds, bounds[1:]) if b - a >= SHORTEST]
         return spans
 
-    def _run(self, manoeuvre: Manoeuvre, present: Sequence[str], name: str, start: float,
-             stop: float) -> Run | None:
+    def _run(self, manoeuvre: Manoeuvre, present: Sequence[str], name: str, start: float, stop: float,
+             gear: int | None = None) -> Run | None:
+        """A stretch, in the gear that is told or the manoeuvre has; None where it is none forward, or walking pace."""
         inputs, columns = self._inputs(manoeuvre, start, stop), self.columns
-        gear = int(inputs[0, columns["gear"]]) if "gear" in manoeuvre else manoeuvre.gear
+        if gear is None:
+            gear = int(inputs[0, columns["gear"]]) if "gear" in manoeuvre else manoeuvre.gear
         if gear is None:
             gear = self._gear(manoeuvre, start, stop)
         try:
@@ -330,6 +332,10 @@ class FullOrderCar(InstrumentedPlant):
         if gear < 1 or not speed > 1.0:
             return None
         clocks, measured = compared(manoeuvre, present, start + SETTLE, start + STEP * (len(inputs) - 1))
+        # of what stays one number for as long as this nobody knows how finely it is read
+        clocks, measured = ({n: of[n] for n in measured if np.ptp(measured[n]) > 0.0} for of in (clocks, measured))
+        if not clocks:
+            return None
         # a sensor that is not level shows the same offset either way
         graded = "road_grade" in manoeuvre
         lost = sorted(gaps(manoeuvre[self.driver], start, stop, _IMPULSE), key=lambda gap: -gap.impulse)[:_GAPS]

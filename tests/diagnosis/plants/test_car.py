@@ -8,6 +8,7 @@ import pytest
 from floors import FLOORS
 from scipy.interpolate import CubicSpline
 
+from cosim.diagnosis.fit.noise import floors
 from cosim.diagnosis.plants import STEP, FullOrderCar, Nuisance
 from cosim.diagnosis.plants.car import CHANNELS, led_by
 from cosim.measured import CANONICAL, Channel, Manoeuvre, Measurement
@@ -168,10 +169,10 @@ def test_a_led_driveline_forgets_a_torque(car_and_run):
         assert (change[-500:].max() < 0.3 * change.max()) == forgets
 
 
-def a_drive(car, gears, *, gear=None, **more):
-    """Of channels that say nothing but speeds in a row of gears, 7 s each."""
+def a_drive(car, gears, *, gear=None, wrong=1.0, **more):
+    """Of channels that say nothing but speeds in a row of gears, 7 s each, all wrong by a factor."""
     time = np.arange(0.0, 7.0 * len(gears), 0.01)
-    ratio = np.array([car.gears[gears[int(t // 7.0)]] for t in time]) * car.values["final_drive.ratio"]
+    ratio = np.array([car.gears[gears[int(t // 7.0)]] for t in time]) * car.values["final_drive.ratio"] * wrong
     wheel = 60.0 + np.sin(time)
     shown = {"engine_torque": 100.0 + 20.0 * np.sin(3.0 * time), "engine_speed": ratio * wheel,
              "turbine_speed": ratio * wheel, "wheel_speed": wheel, **{name: of(time) for name, of in more.items()}}
@@ -186,6 +187,24 @@ def test_a_drive_without_a_gear_channel_is_cut_where_its_speeds_change_gear():
     assert [run.gear for run in found] == [4, 5, 4, 6]
     for i, run in enumerate(found):
         assert 7.0 * i <= run.start < run.time[-1] <= 7.0 * (i + 1)
+
+
+@pytest.mark.parametrize("wrong", [1.0, 1.05, 0.95])
+def test_stretches_are_in_the_gears_that_they_were_cut_by(wrong):
+    """With a ratio 5 % off in all, that of the tenth gear alone is nearer to the ninth's."""
+    car = FullOrderCar("pickup_10r80")
+    found, _ = car.stretches(a_drive(car, (6, 7, 8, 10), wrong=wrong))
+    assert [run.gear for run in found] == [6, 7, 8, 10]
+
+
+def test_what_stays_one_number_in_a_stretch_is_not_compared_there():
+    """A coarse speed in a cruise: nothing says how finely it is read, so any error had counted as one of its noise."""
+    car = FullOrderCar("suv_6l80")
+    coarse = a_drive(car, (4, 5), vehicle_speed=lambda t: np.where(t < 7.5, 20.0, np.round(20.0 + 2.0 * np.sin(t))))
+    first, second = car.runs(coarse)
+    assert "vehicle_speed" not in first.clocks and "vehicle_speed" in second.clocks
+    assert "vehicle_speed" in first.anchors
+    assert floors([first, second])["vehicle_speed"] > 0.1
 
 
 def test_a_short_drive_is_compared_where_clutch_and_brake_let_it_be():
