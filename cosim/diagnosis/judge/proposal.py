@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.stats import norm
@@ -105,10 +107,11 @@ def propose(fitter: Fitter, found: Identification, rivals: Sequence[Fit],
     fits = (one, *rivals)
     ways, wide = _ways(predictor, fits, shared), _wide(fitter, found, fits)
     behind = np.array([found.lead(fit) for fit in fits])
-    now, likely = -behind - _log_evidence(evidence, fits), np.exp(-0.5 * signed(behind, found.temper) ** 2)
+    now, likely = -behind - _log_evidence(evidence, fits), np.array([found.odds(fit) for fit in fits])
     best: Proposal | None = None
     given = _given(predictor.car, _ENGINE_SPEED)
     driven = [run.manoeuvre for run in predictor.runs]
+    before = partial(_repeated, fitter, found)
     for kind, (gears, wanted, corners) in _PROFILES.items():
         torque = min(wanted, given)
         for gear in _drivable(predictor.car, gears, torque):
@@ -124,7 +127,8 @@ def propose(fitter: Fitter, found: Identification, rivals: Sequence[Fit],
             for (back, signs), (times, fitted) in itertools.product(ways.items(), drives.items()):
                 square = squares[there[back] + fitted][np.ix_(shared, shared)]
                 told = fitted * signs[:, None] * square * signs
-                apart = _apart(evidence, told, shared, fits, now, found.temper)
+                known = before((kind, gear, back), fitted) if there[back] else evidence
+                apart = _apart(known, told, shared, fits, now, found.temper)
                 apart[0] = np.minimum(apart[0], unseen)
                 others = sorted(zip(apart[0, 1:].tolist(), rivals), key=lambda pair: pair[0])
                 highest = torque * max(share for _, share in corners)
@@ -133,6 +137,18 @@ def propose(fitter: Fitter, found: Identification, rivals: Sequence[Fit],
                 if best is None or candidate.worth > best.worth:
                     best = candidate
     return best
+
+
+def _repeated(fitter: Fitter, found: Identification, manoeuvre: tuple[str, int, bool], fitted: int) -> Evidence:
+    """What the runs there are will say where some more of a manoeuvre are fitted: those of it less each.
+
+    What a plant of another structure errs by is the same in all of them.
+    """
+    predictor = fitter.predictor
+    more = [count + fitted * (run.manoeuvre == manoeuvre) for run, count in zip(predictor.runs, predictor.repeats)]
+    again = copy(fitter)
+    again.layout = Layout(fitter.coordinates, more)
+    return again.judged(found.best, found.noise)
 
 
 def _chance(apart: np.ndarray, fits: Sequence[Fit], likely: np.ndarray) -> float:

@@ -53,8 +53,12 @@ class Identification:
 
     def shares(self) -> np.ndarray:
         """Of the suppositions in the evidence of all, which add up to 1."""
-        weights = np.exp([-self.lead(fit) / self.temper for fit in self.alternatives])
+        weights = np.array([self.odds(fit) for fit in self.alternatives])
         return weights / weights.sum()
+
+    def odds(self, fit: Fit) -> float:
+        """Of a supposition over the best; more than 1 where the best is one of several that do the same."""
+        return float(np.exp(-self.lead(fit) / self.temper))
 
     def lead(self, fit: Fit) -> float:
         """Log evidence of the best over another supposition, as far as it tells them apart.

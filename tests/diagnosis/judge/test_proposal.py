@@ -1,4 +1,5 @@
 import re
+from copy import copy
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -46,8 +47,8 @@ def propose(healthy, one, rivals, monkeypatch, gears=(5,), kinds=("tip_in",), dr
     """By recordings that say nothing of the one or the other."""
     fitter, _, noise = healthy
     monkeypatch.setattr(proposal, "_PROFILES", {kind: (gears, *proposal._PROFILES[kind][1:]) for kind in kinds})
-    return proposal.propose(fitter, SimpleNamespace(best=one, noise=noise, lead=lambda fit: 0.0, temper=2.0), rivals,
-                            drives)
+    found = SimpleNamespace(best=one, noise=noise, lead=lambda fit: 0.0, odds=lambda fit: 1.0, temper=2.0)
+    return proposal.propose(fitter, found, rivals, drives)
 
 
 def test_a_supposition_is_not_apart_from_itself(healthy, monkeypatch):
@@ -73,6 +74,48 @@ def test_a_run_says_more_of_what_it_shows_than_was_known(healthy):
     spread = prior(fitter.coordinates, one.causes)
     before, then = (np.sqrt(e.posterior(spread).covariance[place, place]) for e in (evidence, after))
     assert 0.3 * before < then < 0.9 * before  # it is much like the one there is
+
+
+def test_runs_there_are_say_less_where_more_of_their_manoeuvre_are_driven(healthy, monkeypatch):
+    """As they will be judged then: the same recording twice says what either does of two."""
+    fitter, fit, noise = healthy
+    [run], car = fitter.predictor.runs, fitter.predictor.car
+    twice = Fitter(Predictor(car, [run, run], coordinates(car, [run, run])))
+    doubled = copy(noise)
+    doubled.runs = 2 * noise.runs
+    doubled.least, doubled.scales = 2 * noise.least, 2 * noise.scales
+
+    def told(evidence):
+        common = [k for k, i in enumerate(evidence.layout.shared) if evidence.layout.coordinates[i].run is None]
+        return [seen.slopes.capped[np.ix_(common, common)] for seen in evidence.seen]
+
+    found = SimpleNamespace(best=fit, noise=noise)
+    [before] = told(fitter.judged(fit, noise))
+    [other] = told(proposal._repeated(fitter, found, ("step", 5, False), 1))
+    assert np.array_equal(other, before)
+    [again] = told(proposal._repeated(fitter, found, run.manoeuvre, 1))
+    assert np.trace(again) < np.trace(before)
+    for either in told(twice.judged(twice.nominal(), doubled)):
+        assert again == pytest.approx(either, rel=1e-6, abs=1e-6 * np.abs(either).max())
+
+
+def test_of_a_manoeuvre_that_was_driven_more_is_promised_by_what_the_recordings_say_then(healthy, monkeypatch):
+    asked, repeated = [], proposal._repeated
+    one = supposed(healthy, "engine_inertia", 0.3)
+    rival = supposed(healthy, "shaft_stiffness:axle_shaft_stiffness", -0.3)
+
+    def promised(heeded, gear):
+        def spied(fitter, found, *more):
+            asked.append(more)
+            return repeated(fitter, found, *more) if heeded else fitter.judged(found.best, found.noise)
+
+        monkeypatch.setattr(proposal, "_repeated", spied)
+        return propose(healthy, one, [rival], monkeypatch, (gear,), drives={**ONCE, 3: 2})
+
+    promised(True, 3)
+    assert not asked
+    assert promised(True, 5).apart != promised(False, 5).apart
+    assert asked == 2 * [(("tip_in", 5, False), 1), (("tip_in", 5, False), 2)]
 
 
 def test_a_slope_is_told_from_what_resists_on_the_way_back_only(tmp_path, monkeypatch):

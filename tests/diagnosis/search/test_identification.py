@@ -95,6 +95,8 @@ def test_a_rival_in_a_worse_minimum_is_not_refuted():
     assert leads == pytest.approx([0.0, 4.0, 20.0, 18.0])
     assert at(result, best, short).shares() == pytest.approx([0.5, 0.5])
     assert at(result, best, real).shares()[1] < 1e-3
+    ahead = at(result, short, best)  # the best is one of several that do the same, and this none of them
+    assert ahead.odds(best) == pytest.approx(np.exp(20.0 / ahead.temper)) and ahead.odds(short) == 1.0
 
 
 def test_between_effects_that_push_alike_a_lead_counts_for_less(monkeypatch):
