@@ -85,7 +85,7 @@ def diagnose_bench(plant: RigidPlant, runs: Sequence[Run], reserved: Sequence[Ru
         "ambiguous_with": close, "ruled_out": [r for r in rivals if r["separation_sigma"] >= APART],
         "next_manoeuvre": _next(inverse, tried, best, close[0]["effects"]) if close else None,
         "unknown": unknown if verdict == "unknown" else None, "gain": None}
-    notices = []
+    notices = [f"{c} always reads the same, which says nothing of what moves" for c in inverse.still]
     if strange:
         notices.append(f"no effect explains {100.0 * share:.0f} % of what is left at the {unknown['balance']}: it goes "
                        f"with the {unknown['driving_variable']}, {unknown['size']:.3g} from end to end")
@@ -97,9 +97,8 @@ def diagnose_bench(plant: RigidPlant, runs: Sequence[Run], reserved: Sequence[Ru
     traces = _traces(inverse, after, skew)
     if reserved:
         say("measuring the gain on " + ", ".join(run.name for run in reserved))
-        untouched = {(run, channel): courses for (run, channel), courses
-                     in _traces(Torques(plant, reserved, inverse.band), after, skew).items()
-                     if channel in inverse.channels}  # of another one nothing was diagnosed
+        # of other channels nothing was diagnosed
+        untouched = _traces(Torques(plant, reserved, inverse.band, inverse.channels), after, skew)
         finding["gain"] = gained([Gain.of(run, channel, *courses, inverse.sigma[channel])
                                   for (run, channel), courses in untouched.items()], len(inverse.names))
         traces |= untouched

@@ -22,9 +22,11 @@ from scipy.linalg import cho_factor, cho_solve
 from cosim.diagnosis.catalogue import shown_by
 from cosim.diagnosis.effect import EffectParameter
 from cosim.diagnosis.fit.regression import dependence, paired
+from cosim.diagnosis.judge.finding import STILL
 from cosim.diagnosis.plants.band import Band
 from cosim.diagnosis.plants.rigid import RigidPlant, interval_of
 from cosim.diagnosis.plants.run import STEP, Run
+from driveline.quantities import InputError
 
 BLOCK = 2.0  # s
 SKEW, FRAMES = 2e-3, 0.5  # by how much the samples of a channel are late, one sigma: s, and sampling intervals
@@ -106,22 +108,32 @@ class Torques:
         plant: The bench as its vehicle file has it.
         runs: What is compared.
         band: In which; by default that in which their motion is known.
+        channels: Of torque or force; by default those recorded that do not always read the same. No gain and all of it
+            offset would explain such a one without error, whatever moves.
+
+    Raises:
+        InputError: There is none of these.
 
     Attributes:
         channels: Of torque or force, each recorded in one run or more.
+        still: Others that were recorded.
         scale: Root mean square of each channel.
         trim: Left out at either end of every run [s].
     """
 
-    def __init__(self, plant: RigidPlant, runs: Sequence[Run], band: Band | None = None) -> None:
+    def __init__(self, plant: RigidPlant, runs: Sequence[Run], band: Band | None = None,
+                 channels: Sequence[str] | None = None) -> None:
         self.plant, self.runs = plant, list(runs)
         self.motions = [plant.motion(run, plant.values) for run in runs]
-        self.shown = [plant.shown(run) for run in runs]
-        clocks = [clock for shown in self.shown for clock, _ in shown.values()]
+        recorded = [plant.shown(run) for run in runs]
+        self.channels = _changing(plant, recorded) if channels is None else [
+            c for c in channels if any(c in shown for shown in recorded)]
+        self.still = [c for c in plant.sections if c not in self.channels and any(c in shown for shown in recorded)]
+        self.shown = [{c: shown[c] for c in shown if c in self.channels} for shown in recorded]
+        clocks = [clock for shown in recorded for clock, _ in shown.values()]
         self.interval = float(np.mean(np.concatenate([np.diff(clock) for clock in clocks])))
         self.band = band or Band.sampled(interval_of(clocks))
         self.trim = self.band.spoiled
-        self.channels = [c for c in plant.sections if any(c in shown for shown in self.shown)]
         nominal = self.measured({})
         self.scale = {c: _root_mean_square(nominal, c) for c in self.channels}
 
@@ -154,7 +166,7 @@ class Torques:
 
     def lateness(self, skew: Mapping[str, float], channel: str) -> float:
         """By how much [s] the samples of a channel are late on average; ``skew`` as for ``measured``."""
-        return skew[channel] + skew[channel + _FRAMES] * self.interval
+        return skew.get(channel, 0.0) + skew.get(channel + _FRAMES, 0.0) * self.interval
 
     def needed(self, values: Mapping[str, float]) -> list[dict[str, np.ndarray]]:
         """What every run's motion needs with these values of plant and sensors, filtered."""
@@ -377,6 +389,18 @@ class Inverse(Torques):
         robust = supposition.covariance @ (scores.T @ scores) @ supposition.covariance
         robust *= len(scores) / max(len(scores) - 1, 1)
         return np.sqrt(np.maximum(np.diag(robust), np.diag(supposition.covariance)))
+
+
+def _changing(plant: RigidPlant, recorded: Sequence[Mapping[str, tuple[np.ndarray, np.ndarray]]]) -> list[str]:
+    """The channels of torque or force that do not always read the same, in runs of clocks and values."""
+    present = {c: np.concatenate([shown[c][1] for shown in recorded if c in shown]) for c in plant.sections
+               if any(c in shown for shown in recorded)}
+    found = [c for c, values in present.items() if np.ptp(values) > STILL * np.abs(values).max()]
+    if not found:
+        always = ", ".join(f"{c} always reads {values[0]:g}" for c, values in present.items())
+        raise InputError(f"{always}: what the motion needs can be held against no torque that changes; record one that "
+                         "does beside this")
+    return found
 
 
 def _root_mean_square(signals: Iterable[Mapping[str, np.ndarray]], channel: str) -> float:

@@ -23,7 +23,7 @@ _SOMETHING_ELSE, _FOR_MANY, _PAIR = 0.03, 0.5, 2
 _AS_LIKELY, _SURER = 20.0, 4.0
 _SAID = 0.1  # probability of something else from which on it is said for that
 NOTHING = "nothing"  # for what a missing torque goes with
-_STILL = 1e-9  # share of a channel by which one that stands still changes at most, as it is rounded
+STILL = 1e-9  # share of a channel by which one that stands still changes at most, as it is rounded
 _WHAT = {"N": "force", "N.m": "torque", "rad": "twist"}  # that is missing, by its unit
 
 
@@ -126,7 +126,7 @@ class Gain:
            floor: float) -> Gain:
         """From the channel and what was simulated, alike in clock and unit; ``floor`` is its noise in that unit."""
         span, squares = float(np.ptp(measured)), [(measured - simulated) ** 2 for simulated in (before, after)]
-        if span <= _STILL * float(np.abs(measured).max()):
+        if span <= STILL * float(np.abs(measured).max()):
             span = float("nan")
         errors = (float(np.sqrt(np.mean(square))) / span for square in squares)
         place, blocks = np.floor(clock / BLOCK).astype(int), {}

@@ -100,3 +100,20 @@ def test_the_diagnosis_refuses_it(tmp_path, made_up):
     plant, runs = made_up(tmp_path, seconds=12.0)
     with pytest.raises(InputError, match="other sign"):
         diagnose_bench(plant, scaled(runs, {"motor_torque": -1.0}))
+
+
+@pytest.mark.parametrize("torque", [0.0, 0.01, 0.5])
+def test_a_torque_that_always_reads_the_same_says_nothing(tmp_path, made_up, torque):
+    """As in a coast-down: no gain and all of it offset would explain it without error, whatever moves."""
+    plant, runs = made_up(tmp_path, seconds=12.0)
+    still = [replace(run, inputs=np.full_like(run.inputs, torque)) for run in runs]
+    assert Torques(plant, still).channels == ["inline_torque"]
+    alone = [run.only({"motor_position"}) for run in still]
+    with pytest.raises(InputError, match=f"motor_torque always reads {torque:g}: .*record one that does"):
+        diagnose_bench(plant, alone)
+    assert Torques(plant, [*alone, *runs]).channels == ["motor_torque", "inline_torque"]  # it does in another
+    whole = diagnose_bench(plant, still, still)
+    assert "motor_torque always reads the same, which says nothing of what moves" in whole.notices
+    found = whole.finding
+    assert found["verdict"] == "none" and {row["signal"] for row in found["gain"]["held_out"]} == {"inline_torque"}
+    assert {row["signal"] for row in diagnose_bench(plant, still, alone).finding["gain"]["held_out"]} == set()
