@@ -15,7 +15,7 @@ from scipy.ndimage import median_filter
 
 from cosim.diagnosis.plants.base import SHORTEST, InstrumentedPlant, compared
 from cosim.diagnosis.plants.gaps import gaps, known
-from cosim.diagnosis.plants.observation import Errors
+from cosim.diagnosis.plants.observation import CHANNELS, Errors
 from cosim.diagnosis.plants.ripple import beyond_samples, swing
 from cosim.diagnosis.plants.run import STEP, Nuisance, Run, ends
 from cosim.measured import Manoeuvre, Measurement
@@ -38,9 +38,6 @@ _FINE = 0.02  # s: how finely the gear, and whether clutch and brake let it be c
 _IN_GEAR, _COMMON = 0.04, 0.08
 LOCKED = 8.0  # rad/s: a lock-up clutch that is closed slips less, by its control, through a step of torque too
 
-
-CHANNELS = ("engine_speed", "turbine_speed", "transmission_output_speed", "wheel_speed", "vehicle_speed",
-            "propeller_shaft_torque", "seat_acceleration", "differential_acceleration")
 # Outputs of the plant that are computed: what sensors show (of an accelerometer, what it is made of), and the torques
 # that shafts twist by and that the engine gives.
 _COMPUTED = {*CHANNELS, "axle_shaft_torque", "crankshaft_torque"} - {"differential_acceleration"}

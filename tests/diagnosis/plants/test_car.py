@@ -10,7 +10,8 @@ from scipy.interpolate import CubicSpline
 
 from cosim.diagnosis.fit.noise import floors
 from cosim.diagnosis.plants import STEP, FullOrderCar, Nuisance
-from cosim.diagnosis.plants.car import CHANNELS, led_by
+from cosim.diagnosis.plants.car import led_by
+from cosim.diagnosis.plants.observation import CHANNELS
 from cosim.measured import CANONICAL, Channel, Manoeuvre, Measurement
 from driveline.plants.full_order import FullOrderPlant
 from driveline.quantities import InputError
