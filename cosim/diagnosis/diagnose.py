@@ -103,7 +103,10 @@ def diagnose(path: Path, out: Path | None = None, *, vehicle: str | None = None,
     if isinstance(car, FullOrderCar):
         plausible.check(car, measurement, [*stretches, *further])
     runs, reserved = _reserve(stretches)
-    notices = [*_without_swings(car), *_notices(measurement, car, runs, reserved)]
+    taken_out = _without_swings(car)
+    notices = [*(f"the vehicle file has a {name} of {had:g}, but no recording's phase of it: it is taken out, and all "
+                 "that is found of it is said" for name, had in taken_out.items()),
+               *_notices(measurement, car, runs, reserved)]
     diagnosis = Diagnosis({}, measurement, car, runs, reserved, further, notices=notices)
     for notice in diagnosis.notices:
         say(notice)
@@ -111,6 +114,9 @@ def diagnose(path: Path, out: Path | None = None, *, vehicle: str | None = None,
         _bench(diagnosis, car, out, say)
     else:
         _driveline(diagnosis, car, out, workers or len(os.sched_getaffinity(0)), say, build)
+    for cause in diagnosis.finding["causes"]:
+        for name in cause["parameters"].keys() & taken_out.keys():
+            cause["parameters"][name]["nominal"] = taken_out[name]
     diagnosis.notices += doubts(diagnosis.finding)
     diagnosis.wrong = diagnosis.finding["wrong"]
     diagnosis.seconds = time.perf_counter() - began
@@ -123,20 +129,16 @@ def diagnose(path: Path, out: Path | None = None, *, vehicle: str | None = None,
     return diagnosis
 
 
-def _without_swings(car: InstrumentedPlant) -> list[str]:
-    """Takes out of a car what swings with an angle, and says so.
+def _without_swings(car: InstrumentedPlant) -> dict[str, float]:
+    """Takes out of a car what swings with an angle; how much there was, by the effects' parameters.
 
     A file has no phase for it that is that of a recording: as it is it would only be wrong once more.
     """
-    notices = []
-    for effect in CATALOGUE.values():
-        for p, _ in zip(effect.parameters, effect.nuisances):
-            [target] = p.targets
-            if had := car.values.get(target, 0.0):
-                car.values[target] = 0.0
-                notices.append(f"the vehicle file has {target} = {had:g} {p.unit}, but no recording's phase of it: "
-                               "it is taken out, and all that is found of it is said")
-    return notices
+    swings = {p.name: p.targets[0] for effect in CATALOGUE.values()
+              for p, _ in zip(effect.parameters, effect.nuisances)}
+    had = {name: size for name, target in swings.items() if (size := car.values.get(target, 0.0))}
+    car.values |= {swings[name]: 0.0 for name in had}
+    return had
 
 
 def _reserve(runs: list[Run]) -> tuple[list[Run], list[Run]]:
