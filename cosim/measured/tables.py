@@ -5,6 +5,7 @@ A reader knows nothing of drivelines; ``measurement.py`` says what a column mean
 
 from __future__ import annotations
 
+import codecs
 import csv
 import gzip
 import io
@@ -175,11 +176,13 @@ def _is_number(text: str) -> bool:
 
 
 def _decoded(contents: bytes) -> str:
-    """Text as UTF-8, or as programs on Windows have written it, where that is possible.
+    """Text as UTF-8, as UTF-16 that says so, or as programs on Windows have written it, where that is possible.
 
     Raises:
         UnicodeDecodeError: It is neither, so no text.
     """
+    if contents[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):  # spreadsheets: "Unicode text"
+        return contents.decode("utf-16")
     try:
         return contents.decode("utf-8-sig")
     except UnicodeDecodeError:

@@ -147,7 +147,7 @@ def test_lines_are_counted_as_an_editor_does_also_below_units(tmp_path):
         load(tmp_path / "a.csv")
 
 
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "cp1252"])
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "cp1252", "utf-16"])
 def test_letters_beyond_ascii_as_programs_on_windows_write_them(tmp_path, encoding):
     (tmp_path / "a.csv").write_bytes("time [s];force [N];Öltemperatur [°C]\n0;1,5;80\n".encode(encoding))
     assert load(tmp_path / "a.csv").manoeuvres[0]["force"].values.tolist() == [1.5]

@@ -67,8 +67,7 @@ class RigidPlant(InstrumentedPlant):
     @property
     def ranges(self) -> dict[str, tuple[float, float]]:
         """Smallest and largest possible value of every parameter of the plant."""
-        return {v.name: (-np.inf if v.minimum is None else v.minimum, np.inf if v.maximum is None else v.maximum)
-                for v in self._plant.variables if v.causality == "parameter"}
+        return {v.name: v.range for v in self._plant.variables if v.causality == "parameter"}
 
     def runs(self, measurement: Measurement, longest: float | None = None) -> list[Run]:
         """The manoeuvres of a measurement, cut where frames are lost, and into stretches.
