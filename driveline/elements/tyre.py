@@ -33,7 +33,13 @@ class Tyre:
 
 
 @kernel
+def contact_relaxation_rate(slip_speed, transport_speed, relaxation_length, limit):
+    """How fast [1/s] the contact patch forgets its deflection: as it rolls on, and as it slides."""
+    slip = sqrt(slip_speed * slip_speed + SMOOTH_SLIP_SPEED * SMOOTH_SLIP_SPEED) - SMOOTH_SLIP_SPEED
+    return abs(transport_speed) / relaxation_length + slip / limit
+
+
+@kernel
 def contact_deflection_rate(deflection, slip_speed, transport_speed, relaxation_length, limit):
     """Rate [m/s] of the contact patch's deflection; ``limit`` [m] is the deflection at full sliding."""
-    slip = sqrt(slip_speed * slip_speed + SMOOTH_SLIP_SPEED * SMOOTH_SLIP_SPEED) - SMOOTH_SLIP_SPEED
-    return slip_speed - (abs(transport_speed) / relaxation_length + slip / limit) * deflection
+    return slip_speed - contact_relaxation_rate(slip_speed, transport_speed, relaxation_length, limit) * deflection

@@ -21,10 +21,10 @@ from ..elements.shaft import shaft_torque
 from ..elements.slip_control import controlled_capacity, held_rate
 from ..elements.torque_ripple import ripple_torque
 from ..elements.two_stage_stiffness import two_stage_energy, two_stage_torque
-from ..elements.tyre import contact_deflection_rate
+from ..elements.tyre import contact_deflection_rate, contact_relaxation_rate
 from .backend import kernel
 from .layout import (
-    AERO, BRANCHES, BRANCH_COLUMNS, BRANCH_TABLE, CONTACT, CONTINUOUS, CONVERTER, COS_GRADE,
+    AERO, BRANCHES, BRANCH_COLUMNS, BRANCH_TABLE, CONTACT, CONTACTS, CONTACT_TABLE, CONTINUOUS, CONVERTER, COS_GRADE,
     CURVE, DELAYED, ENGINE, FRICTION, INERTIA, INTEGRALS, INTEGRAL_TABLE, LAGS, LAG_TABLE, LASH, LAW,
     LEADING, LOSS, NODES, NODE_A, NODE_B, NOISE, PARAMETER, REFERENCE, RIPPLE, RUNS, SHAFT, SIGNAL,
     SLIPPING, SOURCE, TWIST, TWO_STAGE,
@@ -210,6 +210,22 @@ def slipping_capacity(plan, work, row, y, mode, slip, full):
     """What the control of a SLIPPING branch makes of its capacity."""
     p = plan[row + PARAMETER]
     return controlled_capacity(mode, slip, work[y + plan[row + TWIST]], work[p + 8], work[p + 7], full)
+
+
+@kernel
+def fastest_patch(plan, work, y):
+    """The largest rate [1/s] at which a tyre's contact patch forgets its deflection; it grows with the slip."""
+    fastest = 0.0
+    table = plan[CONTACT_TABLE]
+    for i in range(plan[CONTACTS]):
+        row = plan[BRANCH_TABLE] + plan[table + i] * BRANCH_COLUMNS
+        p = plan[row + PARAMETER]
+        belt = work[y + plan[row + NODE_A]]
+        slip = work[p] * belt
+        if plan[row + NODE_B] >= 0:
+            slip -= work[p + 1] * work[y + plan[row + NODE_B]]
+        fastest = max(fastest, contact_relaxation_rate(slip, work[p + 5] * belt, work[p + 3], work[p + 4]))
+    return fastest
 
 
 @kernel

@@ -42,9 +42,9 @@ BRANCH_COLUMNS = 8
  STATE_MODES, STATE_CLOCK, STATE_QUEUE, STATE_SECTIONS, STATE_CHANNELS,
  GEAR_INPUT, DELAYED_INPUT, GRADE_INPUT, FILTERED_OUTPUT, SHIFT_LAG, GEARSET_NODE, GEARSET_BRANCH,
  FILTER_TARGET, SEED, SWITCHES, SWITCH_TABLE,
- BENT, BENT_TABLE, DRIVERS, DRIVER_TABLE, HEARD, HEARD_TABLE,
- ) = range(45)
-HEADER = 45
+ BENT, BENT_TABLE, DRIVERS, DRIVER_TABLE, HEARD, HEARD_TABLE, CONTACTS, CONTACT_TABLE,
+ ) = range(47)
+HEADER = 47
 
 # Columns of a CAN channel in `plan`: the output it samples, the output it shows, its place in
 # `state`, its parameters and its jitter table in `constants`.
@@ -81,7 +81,7 @@ SWINGS = 5  # instants in a step at which a torque that swings is looked at
 MOST_KEPT = 4
 NOT_A_MODE = 99.0
 
-OK, NOT_FINITE, TOO_MANY_EVENTS, QUEUE_FULL = range(4)
+OK, NOT_FINITE, TOO_MANY_EVENTS, QUEUE_FULL, SLIDES_TOO_FAST = range(5)
 
 NONE_DRAWN = 1 << 62  # in place of a noise value's number
 TIME_TOLERANCE = 1e-9  # [s]; clock instants closer than this are the same

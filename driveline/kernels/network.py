@@ -48,7 +48,7 @@ def network_run(state: F8, plan: I8, constants: F8, work: F8, inputs: F8, output
         steps: 0 evaluates the outputs at ``start`` into the first row and moves nothing.
 
     Returns:
-        OK, NOT_FINITE, TOO_MANY_EVENTS or QUEUE_FULL.
+        OK, NOT_FINITE, TOO_MANY_EVENTS, QUEUE_FULL or SLIDES_TOO_FAST.
     """
     n = plan[CONTINUOUS]
     branches = plan[BRANCHES]

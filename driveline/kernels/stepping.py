@@ -4,6 +4,9 @@ A span is cut into equal sub-steps of classical Runge-Kutta of order four. A las
 a clutch that sticks or slips, a shaft that passes from one stage to another is located inside its
 sub-step on the sign of its guard, the mode changes there, and integration goes on from there: order
 four holds through contacts.
+
+A tyre that slides makes its contact patch stiff: the faster it slides, the faster the patch forgets its deflection. A
+sub-step that is longer than the method bears at that rate is taken in parts; any other is not, and keeps its bits.
 """
 
 from __future__ import annotations
@@ -12,11 +15,15 @@ from ..elements.backlash import lash_guard, lash_relaxation
 from ..elements.friction import friction_guard
 from ..elements.two_stage_stiffness import two_stage_guard
 from .backend import kernel
-from .laws import friction_capacity, rates, slipping_capacity
+from .laws import fastest_patch, friction_capacity, rates, slipping_capacity
 from .layout import (
     BRANCH_COLUMNS, BRANCH_TABLE, CONTINUOUS, INERTIA, LASH, LAW, NODE_A, NODE_B, OK, PARAMETER,
-    SIGNAL, SLIPPING, SUBSTEP, SWITCHES, SWITCH_TABLE, TOO_MANY_EVENTS, TWIST, TWO_STAGE,
+    SIGNAL, SLIDES_TOO_FAST, SLIPPING, SUBSTEP, SWITCHES, SWITCH_TABLE, TOO_MANY_EVENTS, TWIST, TWO_STAGE,
 )
+
+BORNE = 2.78  # rate times step up to which Runge-Kutta's method of order four is stable
+PART = 1.0  # rate times part of a sub-step: what the patch forgets in it is then right to 1 %
+MOST_PARTS = 5000.0  # of a sub-step
 
 
 @kernel
@@ -39,11 +46,16 @@ def integrate(plan, work, y, dy, y2, dy2, spare, span, signal, torque, torque_b,
                     return TOO_MANY_EVENTS, events
                 switch_modes(plan, work, y, dy, signal, torque, torque_b, modes, matrix)
                 g0 = largest_guard(plan, work, y, signal, torque, modes)
-            try_step(plan, work, y, dy, rest, y2, dy2, signal, torque, torque_b, modes, matrix, spare)
-            g1 = largest_guard(plan, work, y2, signal, torque, modes)
             done = rest
+            stiffness = h_full * fastest_patch(plan, work, y)
+            if stiffness > BORNE:
+                if stiffness > MOST_PARTS * PART:
+                    return SLIDES_TOO_FAST, events
+                done = min(rest, h_full / (int(stiffness / PART) + 1))
+            try_step(plan, work, y, dy, done, y2, dy2, signal, torque, torque_b, modes, matrix, spare)
+            g1 = largest_guard(plan, work, y2, signal, torque, modes)
             if g1 > 0.0:
-                done = locate(plan, work, y, dy, 0.0, rest, g0, g1, y2, dy2, signal, torque, torque_b,
+                done = locate(plan, work, y, dy, 0.0, done, g0, g1, y2, dy2, signal, torque, torque_b,
                               modes, matrix, spare)
                 g1 = largest_guard(plan, work, y2, signal, torque, modes)
             g0 = g1  # what guards say at the end of a sub-step they say at the start of the next

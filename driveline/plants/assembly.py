@@ -432,7 +432,8 @@ class Assembly:
         bent = [*range(n_nodes), *(places[entry.name] for branch in self.branches.values()
                                    if branch.law not in k.STRAIGHT for entry in branch.states)]
         drivers, heard = self._drivers(), self._heard()
-        plan[k.SWITCHES] = len(switches)
+        contacts = [b for b, row in enumerate(rows) if row[0] == k.CONTACT]
+        plan[k.SWITCHES], plan[k.CONTACTS] = len(switches), len(contacts)
         plan[k.BENT], plan[k.DRIVERS], plan[k.HEARD] = len(bent), len(drivers), len(heard)
         plan[k.CHANNELS], plan[k.SECTIONS] = len(channel_rows), len(self.sections)
         plan[k.ACTIVE_SIZE], plan[k.GEARS], plan[k.INERTIA] = len(active), self.gears, inertia
@@ -450,7 +451,7 @@ class Assembly:
                 (k.BRANCH_TABLE, rows), (k.LAG_TABLE, lag_rows), (k.INTEGRAL_TABLE, integral_rows),
                 (k.TERM_TABLE, term_rows), (k.GEAR_TABLE, [[place] for place, _ in gear_rows]),
                 (k.CHANNEL_TABLE, channel_rows), (k.SWITCH_TABLE, switches), (k.BENT_TABLE, bent),
-                (k.DRIVER_TABLE, drivers), (k.HEARD_TABLE, heard)):
+                (k.DRIVER_TABLE, drivers), (k.HEARD_TABLE, heard), (k.CONTACT_TABLE, contacts)):
             plan[role] = size
             part = np.array(table_rows, dtype=np.int64).ravel()
             parts.append(part)

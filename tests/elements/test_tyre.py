@@ -6,18 +6,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 from runs import Bench, ledger, run
 
-from driveline.elements.tyre import contact_deflection_rate
+from driveline.elements.tyre import SMOOTH_SLIP_SPEED, contact_deflection_rate
 from driveline.plants.assembly import GROUND
 
 SLIP_STIFFNESS, RELAXATION, LIMIT, RADIUS = 1.2e5, 0.2, 5000.0, 0.4
+ICE = 300.0  # the limit on ice
 
 
-def tyre(belt_speed, body_speed, inertia=1e9, relaxation=RELAXATION):
+def tyre(belt_speed, body_speed, inertia=1e9, relaxation=RELAXATION, limit=LIMIT):
     """Belt and body so heavy that their speeds stay."""
     def build(net):
         belt = net.node("belt", inertia, "rad/s", "belt")
         body = net.node("body", 1e9, "m/s", "vehicle")
-        net.contact("patch", belt, body, SLIP_STIFFNESS, relaxation, LIMIT, RADIUS)
+        net.contact("patch", belt, body, SLIP_STIFFNESS, relaxation, limit, RADIUS)
 
     return Bench(build, {"belt": belt_speed, "body": body_speed})
 
@@ -42,6 +43,42 @@ def test_a_spinning_or_locked_wheel_gives_friction_times_load(belt, body):
     direction = np.sign(belt * RADIUS - body)
     force = record["patch_torque"][-1] * direction
     assert LIMIT * (0.95 if belt else 1.0 - 1e-3) < force <= LIMIT * (1.0 + 1e-3)
+
+
+@pytest.mark.parametrize("belt, body", [(150.0, 1.0), (-150.0, 1.0), (0.0, 30.0), (0.0, -30.0), (1e4, 3.0)])
+def test_on_ice_too_the_patch_settles_where_its_law_says_and_never_goes_beyond_its_limit(belt, body):
+    """However fast it slides: the patch then forgets in a small part of a sub-step."""
+    record = run(tyre(belt, body, limit=ICE), 0.2)
+    slip, most = belt * RADIUS - body, ICE * RELAXATION / SLIP_STIFFNESS
+    deflection = record["patch_deflection"]
+    rounded = 1.0 + 2.0 * SMOOTH_SLIP_SPEED / abs(slip)
+    assert np.abs(deflection).max() <= rounded * most
+    settled = slip / (abs(belt * RADIUS) / RELAXATION + abs(slip) / most)
+    assert deflection[-1] == pytest.approx(settled, rel=rounded - 1.0)
+
+
+def test_a_wheel_spun_up_on_ice_turns_as_torque_and_friction_say_and_keeps_its_energy():
+    """Over a second: inertia times the gain of speed is the torque less the limit at the radius, times the time."""
+    inertia, torque = 3.0, 600.0
+
+    def build(net):
+        belt = net.node("belt", inertia, "rad/s", "belt")
+        body = net.node("body", 1e9, "m/s", "vehicle")
+        net.contact("patch", belt, body, SLIP_STIFFNESS, RELAXATION, ICE, RADIUS)
+        net.source("engine", belt, torque, net.signal("on"))
+
+    record = run(Bench(build, {"belt": 0.0, "body": 0.0}, {"on": 1.0}), 1.5)
+    gain = record["belt_speed"][-1] - record["belt_speed"][499]
+    assert gain == pytest.approx((torque - ICE * RADIUS) / inertia, rel=5e-3)
+    assert np.ptp(ledger(record)) < 1e-9 * record["energy_stored"][-1]
+
+
+def test_a_tyre_that_slides_faster_than_can_be_followed_is_an_error_at_once_and_nothing_moves():
+    model = tyre(1e8, 0.0, limit=ICE)
+    saved = model.save()
+    with pytest.raises(ArithmeticError, match="slides faster"):
+        model.step(0.0, 1e-3)
+    assert model.save() == saved
 
 
 def test_the_force_builds_up_over_the_relaxation_length():

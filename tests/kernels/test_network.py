@@ -8,6 +8,7 @@ from runs import PLANTS, REDUCED, Bench, events, input_rows, ledger, plant, run,
 
 from driveline.elements.road_load import GRAVITY
 from driveline.kernels import layout as k
+from driveline.kernels import stepping
 from driveline.quantities import InputError
 
 EVERY_PLANT = pytest.mark.parametrize("name", PLANTS)
@@ -43,6 +44,47 @@ def test_halving_the_step_divides_the_error_by_sixteen_through_contacts_and_stic
     peak = np.abs(reference["propeller_shaft_torque"]).max()
     last = np.abs(runs[2][0]["propeller_shaft_torque"] - reference["propeller_shaft_torque"]).max()
     assert last < 1e-4 * peak
+
+
+@pytest.mark.parametrize("vehicle, variant", [("pickup_10r80", "modified"), ("suv_6l80", None)])
+def test_halving_the_step_divides_the_error_by_sixteen_while_tyres_spin_on_ice(vehicle, variant):
+    """The wheels come to 200 rad/s while the vehicle hardly moves; the patch is then stiff at any of these steps."""
+    def converge(substep):
+        changes = {"tyre.friction_coefficient": 0.05, "start.vehicle_speed": 5.0, "solver.maximum_substep": substep}
+        model = plant("plant_fom", changes, gear=2, vehicle=vehicle, variant=variant, engine_torque=20.0)
+        return run(model, 2.0, engine_torque=steps((0.0, 20.0), (0.2, 400.0)))
+
+    reference = converge(2.5e-5)
+    coarse, fine = (converge(substep) for substep in (2e-4, 1e-4))
+    assert reference["wheel_speed"][-1] > 100.0 and reference["vehicle_speed"][-1] < 6.0
+    for signal in ("propeller_shaft_torque", "wheel_speed"):
+        errors = [np.abs(record[signal] - reference[signal]).max() for record in (coarse, fine)]
+        assert errors[0] < 1e-6 * np.abs(reference[signal]).max()
+        assert errors[1] < errors[0] / 12.0
+    assert np.ptp(ledger(coarse)) < 1e-10 * turnover(coarse)
+
+
+@pytest.mark.parametrize("slip, forgets", [(0.1, 0.3), (0.9, 2.7), (1.0, 3.0), (12.0, 36.0)])
+def test_a_substep_is_taken_in_parts_where_the_patch_asks_for_it_and_only_there(monkeypatch, slip, forgets):
+    """``forgets``: rate of the patch times the sub-step, of which the method bears 2.78."""
+    limit, substep, speed = 300.0, 1e-4, slip + 0.01
+    stiffness = limit * forgets / (slip * substep)
+
+    def build(net):
+        belt, body = net.node("belt", 1e9, "rad/s", "belt"), net.node("body", 1e9, "m/s", "vehicle")
+        net.contact("patch", belt, body, 1e6 * stiffness, 1e6, limit, 1.0)  # rolls on without forgetting
+
+    model = Bench(build, {"belt": speed, "body": 0.0}, substep=substep, backend="python")
+    taken = []
+    try_step = stepping.try_step
+    monkeypatch.setattr(stepping, "try_step", lambda plan, work, y, first, h, *more: (
+        taken.append(h), try_step(plan, work, y, first, h, *more)))
+    run(model, 1e-3)
+    assert sum(taken) == pytest.approx(1e-3)
+    if forgets < 2.78:
+        assert len(taken) == 10
+    else:
+        assert max(taken) * forgets <= substep < 2.0 * min(taken) * forgets
 
 
 # -- events -----------------------------------------------------------------------------------------------
