@@ -21,6 +21,8 @@ STABLE = 2.5
 _NOTHING = 1e-9  # N.m
 _NEARLY = 1e-2  # relative step of Newton's method below which its derivatives are kept
 _POINTS = 16  # states whose rates are asked for in one call
+_SLIDING = 0.5  # slip over the vehicle's speed beyond which a wheel slides rather than rolls
+_MORE_FRICTION = (8.0, 4.0, 2.0, 1.5, 1.2, 1.1, 1.05, 1.0)  # times what there is
 
 STATUS = {
     k.NOT_FINITE: "a state is no longer finite; look for a parameter far from its usual size, or "
@@ -49,6 +51,7 @@ class Plant(KernelModel):
         self._rates_kernel = native.load("network_rates", backend)
         self.network: Network | None = None
         self._assembled: Any = None  # the parameters it was made from
+        self._told: list[str] = []  # what the log was told of the start
 
     def assemble(self, parameters: Any) -> Network:
         """The network for these parameters."""
@@ -78,12 +81,26 @@ class Plant(KernelModel):
         self._set_gear()
         self._set_levels()
         self._set_modes()
+        self.log[:] = [message for message in self.log if message not in self._told]
+        self._told = []
         if steady:
-            self._find_equilibrium(speeds)
-            if self._let_slip():
-                closed = self.state.copy()
-                if not self._find_equilibrium(speeds):
-                    self.state[:] = closed  # and begins to slip from there
+            rolling = self.state.copy()
+            for find in (self._find_equilibrium, self._find_from_more_friction):
+                self.state[:] = rolling
+                found = find(speeds)
+                if self._let_slip():
+                    closed = self.state.copy()
+                    if self._find_equilibrium(speeds):
+                        found = True
+                    else:
+                        self.state[:] = closed  # and begins to slip from there
+                if found:
+                    break
+            else:
+                self.state[:] = rolling
+                self._fill_air_path()
+            self._told = self._about_the_start(speeds, found)
+            self.log.extend(self._told)
         else:
             self._fill_air_path()
         self._check_substep()
@@ -362,6 +379,8 @@ class Plant(KernelModel):
         for _ in range(3):
             for _ in range(12):
                 [r] = residuals(x[None])
+                if not np.isfinite(r).all():
+                    return False
                 if change > _NEARLY:
                     steps = 1e-6 * (1.0 + np.abs(x))
                     jacobian = ((residuals(x + np.diag(steps)) - r) / steps[:, None]).T
@@ -381,6 +400,54 @@ class Plant(KernelModel):
         self.state[held] = np.where(self.state[held] > _NOTHING, self.state[held], 0.0)
         self._set_flanks()
         return bool(change < 1e-9)
+
+    def _find_from_more_friction(self, speeds: np.ndarray) -> bool:
+        """The equilibrium followed from a road that carries more to this one, as long as the tyres do not slide.
+
+        Near what tyres carry Newton's method does not get there from rolling. Where they would slide, the vehicle
+        had better start rolling as it was asked to.
+        """
+        constants, rows = self.network.constants, self._branch_rows()
+        places = rows[rows[:, k.LAW] == k.CONTACT, k.PARAMETER] + 4
+        if not places.size:
+            return False
+        limits = constants[places]
+        try:
+            for more in _MORE_FRICTION:
+                constants[places] = more * limits
+                if not self._find_equilibrium(speeds) or self._slides():
+                    return False
+        finally:
+            constants[places] = limits
+        return True
+
+    def _slides(self) -> bool:
+        """Whether a tyre slides rather than rolls."""
+        slips = np.abs(self.branch_rates()[self._branch_rows()[:, k.LAW] == k.CONTACT])
+        return bool((slips > _SLIDING * abs(self.state[self.network.nodes[self.body]])).any())
+
+    def _about_the_start(self, rolling: np.ndarray, found: bool) -> list[str]:
+        """What the log is told of a start where the tyres carry less than is asked of them, or hardly more."""
+        if found and not self._slides():
+            return []
+        net = self.network
+        rows, torques = self._branch_rows(), self.rates()[1]
+        patches = rows[:, k.LAW] == k.CONTACT
+        start = f"{self.name} starts rolling, with its shafts untwisted: no equilibrium was found"
+        if not patches.any():
+            return [start]
+        if found:
+            slip = np.abs(self.branch_rates()[patches]).max()
+            start = f"{self.name} starts with its tyres sliding at {slip:.3g} m/s"
+        outside = (rows[:, k.NODE_B] == GROUND) & (rows[:, k.NODE_A] != net.nodes[self.body])
+        power = (torques * (self.kinematics() @ rolling))[outside].sum()
+        push = abs(power / rolling[net.nodes[self.body]])
+        places = rows[patches, k.PARAMETER]
+        limit = (net.constants[places + 2] * net.constants[places + 4]).sum()
+        engine = -torques[rows[:, k.LAW] == k.ENGINE].sum()
+        gear = f" in gear {int(self._inputs[net.plan[k.GEAR_INPUT]])}" if net.plan[k.GEARS] else ""
+        return [f"{start}; {engine:.0f} N.m of the engine{gear}, losses and brakes come to {push:.0f} N at the tyres, "
+                f"which carry {limit:.0f} N"]
 
     def _let_slip(self) -> bool:
         """Whether a control lets something slip that sticks: the way its torque turns it, with as much capacity."""

@@ -128,6 +128,22 @@ def test_a_gear_that_does_not_exist_is_named(fmus, load):
     assert "gear is 11" in host.messages[-1][1]
 
 
+def test_wheels_spin_as_in_process_to_the_bit_and_the_log_says_what_the_tyres_carry(fmus, load):
+    host, model = load(fmus["plant_fom"]), in_process("plant_fom")
+    start = {"start.vehicle_speed": 5.0, "tyre.friction_coefficient": 0.1, "gear": 1, "engine_torque": 400.0}
+    host.initialize(**start)
+    for name, value in start.items():
+        model[name] = value
+    model.initialize()
+    assert host.messages == [(1, message) for message in model.log]
+    assert "starts rolling" in model.log[0]
+    for step in range(400):
+        host.doStep(step * STEP, STEP)
+        model.step(step * STEP, STEP)
+        assert host["wheel_speed"] == model["wheel_speed"]
+    assert host["wheel_speed"] * model["tyre.radius"] > 2.0 * host["vehicle_speed"]
+
+
 def test_a_negative_inertia_is_named(fmus, load):
     host = load(fmus["plant_fom"])
     host["engine.inertia"] = -0.1

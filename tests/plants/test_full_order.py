@@ -384,6 +384,60 @@ def test_wheels_that_spin_push_with_friction_times_load_and_no_energy_appears(
         assert 0.9 * carried < force <= carried
 
 
+@VEHICLES
+@pytest.mark.parametrize("friction, torque, brake", [(0.6, 450.0, 0.0), (0.1, 400.0, 0.0), (0.05, 0.0, 4000.0)])
+def test_with_more_torque_than_the_tyres_carry_the_start_is_rolling_and_the_log_says_so(
+        vehicle, variant, friction, torque, brake):
+    """No equilibrium rolls; the vehicle has the speed it was given, its wheels roll, its engine gives what is asked."""
+    model = plant("plant_fom", {"start.vehicle_speed": 5.0, "tyre.friction_coefficient": friction}, gear=1,
+                  vehicle=vehicle, variant=variant, engine_torque=torque, brake_torque=brake)
+    wheel = 5.0 / model["tyre.radius"]
+    shaft = wheel * model["final_drive.ratio"]
+    assert model["vehicle_speed"] == 5.0
+    assert model["wheel_speed"] == pytest.approx(wheel)
+    assert model["transmission_output_speed"] == pytest.approx(shaft)
+    assert model["engine_speed"] == pytest.approx(shaft * model["transmission.ratio[3]"])
+    assert model["propeller_shaft_torque"] == 0.0
+    assert model["crankshaft_torque"] == pytest.approx(torque - model["engine.accessory_torque"])
+    [told] = model.log
+    assert "starts rolling" in told and "gear 1" in told and f"carry {tyres_carry(model):.0f} N" in told
+    assert f"{model['crankshaft_torque']:.0f} N.m" in told
+    model.initialize()
+    assert model.log == [told]  # once, however often it is started
+    model["engine_torque"], model["brake_torque"] = 10.0, 0.0
+    model.initialize()
+    assert model.log == []  # what is said of a start goes with it
+
+
+@pytest.mark.parametrize("friction, gear, speed, torque", [
+    (0.05, 2, 8.0, 30.0), (0.05, 6, 8.0, 60.0), (0.1, 6, 25.0, -100.0), (0.1, 4, 8.0, -100.0), (0.3, -1, -8.0, -100.0)])
+def test_on_ice_a_start_that_the_tyres_just_carry_is_an_equilibrium(friction, gear, speed, torque):
+    """Also in the overrun, where the tyres must turn the engine."""
+    model = plant("plant_fom", {"start.vehicle_speed": speed, "tyre.friction_coefficient": friction}, gear=gear,
+                  engine_torque=torque)
+    rates, _ = model.rates()
+    speeds, _ = model.start_speeds(model.parameters, model.network)
+    body = model.network.nodes["vehicle"]
+    shape = speeds / speed
+    assert rates[:len(speeds)] == pytest.approx(shape * rates[body], abs=1e-6 * np.abs(shape).max())
+    for side in ("left", "right"):
+        assert abs(rates[model.network.twists[f"{side}_contact"]]) < 1e-9
+    assert model["wheel_speed"] * model["tyre.radius"] == pytest.approx(speed, rel=0.5)
+    assert model.log == []
+
+
+def test_a_start_with_sliding_tyres_is_simulated_and_told():
+    """Just below what they carry there is an equilibrium in which wheels turn far faster than the vehicle rolls."""
+    model = plant("plant_fom", {"start.vehicle_speed": 30.0, "tyre.friction_coefficient": 0.1}, gear=6,
+                  engine_torque=127.0)
+    slip = model["wheel_speed"] * model["tyre.radius"] - 30.0
+    assert slip > 15.0
+    [told] = model.log
+    assert f"sliding at {slip:.3g} m/s" in told and f"carry {tyres_carry(model):.0f} N" in told
+    record = run(model, 0.5)
+    assert np.ptp(record["propeller_shaft_torque"]) < 0.05 * record["propeller_shaft_torque"][0]
+
+
 def test_inputs_that_cannot_be_written_to_are_simulated():
     model = plant("plant_fom", {"start.vehicle_speed": 12.0}, engine_torque=100.0)
     rows = input_rows(model, 0.01, 1e-3)
