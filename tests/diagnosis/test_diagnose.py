@@ -78,3 +78,15 @@ def test_what_swings_in_a_vehicle_file_is_taken_out_and_looked_for():
     assert diagnose._without_swings(car) == {"torque_ripple_amplitude": 30.0}
     assert car.values == others | {"torque_ripple.amplitude": 0.0}
     assert not diagnose._without_swings(car)
+
+
+@pytest.mark.parametrize(("lead", "confirmed", "beside"), [
+    (787.0, False, "best"), (500.0, False, "healthy"), (3.0, False, "healthy"), (3.0, True, "best")])
+def test_a_missing_torque_is_looked_for_beside_causes_where_these_explain_far_more_than_it(
+        monkeypatch, lead, confirmed, beside):
+    best, healthy = SimpleNamespace(score=lead), SimpleNamespace(score=0.0)
+    torques = {id(best): [SimpleNamespace(place="axle", gain=62.0)],
+               id(healthy): [SimpleNamespace(place="engine", gain=293.0)]}
+    monkeypatch.setattr(diagnose, "disturbances", lambda predictor, fit, noise: torques[id(fit)])
+    found = SimpleNamespace(best=best, healthy=healthy, noise=None)
+    assert diagnose._missing(None, found, confirmed) == torques[id(best if beside == "best" else healthy)]
