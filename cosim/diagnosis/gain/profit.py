@@ -7,8 +7,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from scipy.signal import lfilter
 
-from cosim.diagnosis.plants import Run
+from cosim.diagnosis.plants import STEP, Run
 from driveline.estimators import ESTIMATORS
 from driveline.quantities import InputError
 from driveline.vehicles import Vehicle
@@ -50,6 +51,20 @@ def profit(source: Vehicle, changes: Mapping[str, float], runs: Sequence[Run]) -
     return rows
 
 
+def delivered(vehicle: Vehicle, run: Run) -> np.ndarray:
+    """The torque that the crankshaft got in a run by what was asked for, at ``run.time`` [N.m].
+
+    That is what a control unit tells its estimators; what is asked for comes earlier, by what the air path takes.
+    """
+    delay, lag, gain, offset, taken = (vehicle.values.get(f"engine.{name}", default) for name, default in (
+        ("air_delay", 0.0), ("air_lag", 0.0), ("torque_gain", 1.0), ("torque_offset", 0.0), ("accessory_torque", 0.0)))
+    # an input holds over the step that ends at its instant
+    asked = np.interp(run.time - 0.5 * STEP - delay, run.time - 0.5 * STEP, run.inputs[:, 0])
+    keep = float(np.exp(-STEP / lag)) if lag > 0.0 else 0.0
+    arrived, _ = lfilter([1.0 - keep], [1.0, -keep], asked, zi=[keep * asked[0]])
+    return gain * arrived + offset - taken
+
+
 def _heard(name: str, vehicle: Vehicle, run: Run) -> dict[str, float]:
     """What an estimator says of one recording."""
     kind = ESTIMATORS[name]
@@ -59,17 +74,19 @@ def _heard(name: str, vehicle: Vehicle, run: Run) -> dict[str, float]:
         for key, value in values.items():
             model[key] = value
         model["sampling.period"] = _FRAME
-        model.initialize()
     except InputError:  # a vehicle that no file could hold, or no estimator can be made for: without lash, say
         return {}
     begin = max(float(run.clocks[c][0]) for c in ("engine_speed", "wheel_speed"))
     times = np.arange(begin, run.time[-1], _FRAME)
     frames = np.tile([model[variable.name] for variable in model.inputs], (times.size, 1))
     names = [variable.name for variable in model.inputs]
-    frames[:, names.index("engine_torque")] = np.interp(times, run.time, run.inputs[:, 0])
+    frames[:, names.index("engine_torque")] = np.interp(times, run.time, delivered(vehicle, run))
     for channel in ("engine_speed", "wheel_speed"):
         frames[:, names.index(channel)] = np.interp(times, run.clocks[channel], run.measured[channel])
-    table = {v.name: column for v, column in zip(model.output_variables, model.simulate(frames).T)}
+    for key, value in zip(names, frames[0]):  # it wakes up in the drive, not before it
+        model[key] = float(value)
+    model.initialize()
+    table = {v.name: column for v, column in zip(model.output_variables, model.simulate(frames[1:]).T)}
     settled = table["unexplained_torque"][round(1.0 / _FRAME):]
     heard = {"unexplained_torque": float(np.sqrt(np.mean(settled**2)))} if settled.any() else {}
     if table.get("lash_size", np.zeros(1))[-1] > 0.0:

@@ -1,10 +1,11 @@
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.gain.extend import changed_values
-from cosim.diagnosis.gain.profit import profit
+from cosim.diagnosis.gain.profit import delivered, profit
 from cosim.diagnosis.hidden import hide
 from cosim.diagnosis.plants import FullOrderCar
 from cosim.measured import load
@@ -22,6 +23,27 @@ def test_estimators_are_less_surprised_by_the_vehicle_that_was_driven(tmp_path):
     assert torque["DSKSE"]["after"] < torque["DSKSE"]["before"]
     same = profit(car.source, {}, runs)
     assert all(row["before"] == pytest.approx(row["after"]) for row in same)
+
+
+def test_estimators_hear_the_torque_that_the_crankshaft_gets(car_and_run):
+    """Not the one that was asked for, which comes 0.1 s earlier."""
+    car, run = car_and_run
+    given = car.raw(car.values, run)["crankshaft_torque"]
+    heard = delivered(car.source, run)
+    assert np.abs(heard - given).max() < 0.02 * np.ptp(given)
+    assert np.abs(run.inputs[:, 0] - given).max() > 0.3 * np.ptp(given)
+    other = replace(car.source, values=car.source.values | {"engine.torque_gain": 1.1, "engine.torque_offset": 5.0})
+    assert delivered(other, run) + car.values["engine.accessory_torque"] == pytest.approx(
+        1.1 * (heard + car.values["engine.accessory_torque"]) + 5.0)
+
+
+def test_estimators_begin_in_the_drive_and_not_at_standstill(tmp_path):
+    """A torque that is there from the start is no tip-in, and the first speed no jump from 0."""
+    hide([], 7, tmp_path / "m", structure="same", drift="none", manoeuvres=["cruise:5"])
+    measurement = load(tmp_path / "m")
+    car = FullOrderCar(measurement.vehicle, measurement.variant)
+    [row] = profit(car.source, {}, car.runs(measurement))
+    assert row["estimator"] == "DSKSE" and row["before"] < 10.0
 
 
 def test_who_had_nothing_to_do_is_left_out(tmp_path):
