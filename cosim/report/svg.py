@@ -26,7 +26,7 @@ def number(value: float, digits: int = 4) -> str:
         return f"{value:g}"
     if not 1e-4 <= abs(value) < 1e7:
         return f"{value:.{digits - 1}g}"
-    whole = len(f"{abs(value):.0f}") if abs(value) >= 1.0 else 0
+    whole = int(np.floor(np.log10(abs(value)))) + 1  # digits before the point, as long as it is not rounded
     if whole >= digits:
         return f"{value:.0f}"
     return np.format_float_positional(value, digits, unique=False, fractional=False, trim="-")
