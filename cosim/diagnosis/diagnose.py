@@ -58,6 +58,7 @@ class Diagnosis:
         traces: For pictures: run, channel to (clock, measured, before, after).
         suspects: Every effect with its probability.
         disturbance: The torque that is missing, at some instants, and what it may go with; empty for none.
+        taken_out: Values of the vehicle file that the car was diagnosed without (``_without_swings``).
         notices: What limits the diagnosis, in words.
         seconds: It took.
         identification: The search's result; None for a bench.
@@ -73,6 +74,7 @@ class Diagnosis:
     traces: dict[tuple[str, str], tuple[np.ndarray, ...]] = field(default_factory=dict)
     suspects: list[dict[str, Any]] = field(default_factory=list)
     disturbance: dict[str, np.ndarray] = field(default_factory=dict)
+    taken_out: dict[str, float] = field(default_factory=dict)
     notices: list[str] = field(default_factory=list)
     seconds: float = 0.0
     identification: Identification | None = None
@@ -105,10 +107,10 @@ def diagnose(path: Path, out: Path | None = None, *, vehicle: str | None = None,
         plausible.check(car, measurement, [*stretches, *further])
     runs, reserved = _reserve(stretches)
     taken_out = _without_swings(car)
-    notices = [*(f"the vehicle file has a {name} of {had:g}, but no recording's phase of it: it is taken out, and all "
+    notices = [*(f"the vehicle file has {name} = {had:g}, but no recording's phase of it: it is taken out, and all "
                  "that is found of it is said" for name, had in taken_out.items()),
                *_notices(measurement, car, runs, reserved)]
-    diagnosis = Diagnosis({}, measurement, car, runs, reserved, further, notices=notices)
+    diagnosis = Diagnosis({}, measurement, car, runs, reserved, further, taken_out=taken_out, notices=notices)
     for notice in diagnosis.notices:
         say(notice)
     if isinstance(car, RigidPlant):
@@ -116,8 +118,9 @@ def diagnose(path: Path, out: Path | None = None, *, vehicle: str | None = None,
     else:
         _driveline(diagnosis, car, out, workers or len(os.sched_getaffinity(0)), say, build)
     for cause in diagnosis.finding["causes"]:
-        for name in cause["parameters"].keys() & taken_out.keys():
-            cause["parameters"][name]["nominal"] = taken_out[name]
+        for p in CATALOGUE[cause["effect"]].parameters:
+            if p.name in cause["parameters"] and p.targets[0] in taken_out:
+                cause["parameters"][p.name]["nominal"] = taken_out[p.targets[0]]
     diagnosis.notices += doubts(diagnosis.finding)
     diagnosis.wrong = diagnosis.finding["wrong"]
     diagnosis.seconds = time.perf_counter() - began
@@ -131,14 +134,13 @@ def diagnose(path: Path, out: Path | None = None, *, vehicle: str | None = None,
 
 
 def _without_swings(car: InstrumentedPlant) -> dict[str, float]:
-    """Takes out of a car what swings with an angle; how much there was, by the effects' parameters.
+    """Takes out of a car what swings with an angle; what there was.
 
     A file has no phase for it that is that of a recording: as it is it would only be wrong once more.
     """
-    swings = {p.name: p.targets[0] for effect in CATALOGUE.values()
-              for p, _ in zip(effect.parameters, effect.nuisances)}
-    had = {name: size for name, target in swings.items() if (size := car.values.get(target, 0.0))}
-    car.values |= {swings[name]: 0.0 for name in had}
+    swings = [p.targets[0] for effect in CATALOGUE.values() for p, _ in zip(effect.parameters, effect.nuisances)]
+    had = {target: size for target in swings if (size := car.values.get(target, 0.0))}
+    car.values |= dict.fromkeys(had, 0.0)
     return had
 
 
@@ -349,9 +351,9 @@ def _propose(diagnosis: Diagnosis, search: Search, found: Identification) -> Non
 def _write_vehicle(diagnosis: Diagnosis, values: dict[str, float], out: Path) -> dict[str, float]:
     """The extended vehicle file; returns what it changes."""
     car = diagnosis.car
-    changes = extend.changed_values(car.values, values)
+    changes = extend.changed_values(car.values | diagnosis.taken_out, values)
     why = f"diagnosis of {diagnosis.measurement.name}: " + ", ".join(
-        cause["effect"].replace("_", " ") for cause in diagnosis.finding["causes"])
+        effect.replace("_", " ") for effect in diagnosis.finding["together"])
     extend.write_vehicle(car.source, changes, car.units, why, out / extend.EXTENDED)
     diagnosis.finding["extension"] = {"vehicle": extend.EXTENDED, "fmu": None}
     return changes
@@ -361,7 +363,7 @@ def _extend(diagnosis: Diagnosis, predictor: Predictor, found: Identification, o
             build: Callable[[Path, Path], Path] | None, say: Callable[[str], None]) -> None:
     """The extended vehicle and FMU, and the gain on the reserved runs, driven freely."""
     car, values = diagnosis.car, _values(predictor, found.best, diagnosis.finding["causes"])
-    changes, fmu = extend.changed_values(car.values, values), None
+    changes, fmu = extend.changed_values(car.values | diagnosis.taken_out, values), None
     if out is not None:
         _write_vehicle(diagnosis, values, out)
         if build is not None:

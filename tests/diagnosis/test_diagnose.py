@@ -9,6 +9,7 @@ from cosim.diagnosis import diagnose
 from cosim.diagnosis.diagnose import _reserve
 from cosim.diagnosis.plants import FullOrderCar, Run
 from cosim.diagnosis.search.identification import Identification
+from driveline import vehicles
 from driveline.quantities import InputError
 
 
@@ -75,7 +76,7 @@ def test_what_swings_in_a_vehicle_file_is_taken_out_and_looked_for():
     """Beside it nothing could be less, and a swing of nothing turned all of it into another phase."""
     car = FullOrderCar("pickup_10r80", "modified", {"torque_ripple.amplitude": 30.0})
     others = {name: value for name, value in car.values.items() if name != "torque_ripple.amplitude"}
-    assert diagnose._without_swings(car) == {"torque_ripple_amplitude": 30.0}
+    assert diagnose._without_swings(car) == {"torque_ripple.amplitude": 30.0}
     assert car.values == others | {"torque_ripple.amplitude": 0.0}
     assert not diagnose._without_swings(car)
 
@@ -90,3 +91,16 @@ def test_a_missing_torque_is_looked_for_beside_causes_where_these_explain_far_mo
     monkeypatch.setattr(diagnose, "disturbances", lambda predictor, fit, noise: torques[id(fit)])
     found = SimpleNamespace(best=best, healthy=healthy, noise=None)
     assert diagnose._missing(None, found, confirmed) == torques[id(best if beside == "best" else healthy)]
+
+
+def test_an_extended_file_names_what_was_written_into_it_and_swings_no_more_than_was_found(tmp_path):
+    """Not what is less likely, which was not written."""
+    car = FullOrderCar("pickup_10r80", "modified")
+    finding = {"causes": [{"effect": name} for name in ("driveline_damping", "vehicle_mass")],
+               "together": ["driveline_damping"]}
+    given = SimpleNamespace(car=car, taken_out={"torque_ripple.amplitude": 30.0}, finding=finding,
+                            measurement=SimpleNamespace(name="m"))
+    diagnose._write_vehicle(given, car.values | {"vehicle.mass": 2000.0}, tmp_path)
+    read = vehicles.load(tmp_path / "extended.toml")
+    assert read.values["torque_ripple.amplitude"] == 0.0
+    assert read.sources["vehicle.mass"] == "diagnosis of m: driveline damping"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import re
 from collections.abc import Callable, Iterable, Mapping
@@ -23,6 +24,7 @@ from driveline.vehicles import Vehicle
 
 log = logging.getLogger("cosim")
 EXTENDED = "extended.toml"
+_CONTROL = re.compile(r"[\x00-\x1f\x7f]+")
 _SECTION = re.compile(r"^\s*\[([^\]]+)\]\s*(#.*)?$")
 
 
@@ -50,19 +52,24 @@ def write_vehicle(source: Vehicle, changes: Mapping[str, float], unit_of: Mappin
         bare, _, _ = key.partition("[")
         origin = why if name in changes else source.sources[name]
         tables.setdefault(section, {}).setdefault(bare, []).append((value, origin))
-    lines = [f"# {source.name} ({source.variant}), extended: {why}. All values in SI.", ""]
+    lines = [f"# {_CONTROL.sub(' ', f'{source.name} ({source.variant}), extended: {why}')}. All values in SI.", ""]
     for section, entries in tables.items():
         lines.append(f"[{section}]")
         for key, rows in entries.items():
             unit = _spelled(unit_of.get(f"{section}.{key}", unit_of.get(f"{section}.{key}[1]", "1")))
-            origin = next((o for _, o in rows if o == why), rows[0][1]).replace("\\", "/").replace('"', "'")
+            origin = next((o for _, o in rows if o == why), rows[0][1])
             table = f"{section}.{key}[1]" in values
             number = f"values = [{', '.join(repr(v) for v, _ in rows)}]" if table else f"value = {rows[0][0]!r}"
-            lines.append(f'{key} = {{ {number}, unit = "{unit}", source = "{origin}" }}')
+            lines.append(f'{key} = {{ {number}, unit = "{unit}", source = {_quoted(origin)} }}')
         lines.append("")
     write_text(path, "\n".join(lines))
     vehicles.load(path)  # whoever reads it next shall have no surprise
     return path
+
+
+def _quoted(text: str) -> str:
+    """As TOML has it: the escapes of JSON, and one more."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def _spelled(unit: str) -> str:

@@ -31,6 +31,14 @@ def test_the_extended_file_holds_what_was_found_and_everything_else_as_it_was(ca
     FullOrderPlant(FullOrderPlant.defaults_from(read)).initialize()
 
 
+def test_whatever_a_source_says_the_extended_file_says_and_can_be_read(car, tmp_path):
+    odd = 'two\nlines, a "quote", a \\ and \x01 \x7f'
+    source = replace(car.source, sources=car.source.sources | {"seat.mass": odd})
+    path = write_vehicle(source, {"vehicle.mass": 2000.0}, car.units, "of\nm", tmp_path / "extended.toml")
+    read = vehicles.load(path)
+    assert read.sources["seat.mass"] == odd and read.sources["vehicle.mass"] == "of\nm"
+
+
 def test_errors_of_sensors_are_no_part_of_a_vehicle(car):
     values = apply(effect("wheel_speed_delay"), {"wheel_speed_delay": 0.03}, car.values)
     assert changed_values(car.values, values) == {}
