@@ -67,25 +67,25 @@ def delivered(vehicle: Vehicle, run: Run) -> np.ndarray:
 
 def _heard(name: str, vehicle: Vehicle, run: Run) -> dict[str, float]:
     """What an estimator says of one recording."""
+    begin = max(float(run.clocks[c][0]) for c in ("engine_speed", "wheel_speed"))
+    times = np.arange(begin, run.time[-1], _FRAME)
+    told = {"engine_torque": np.interp(times, run.time, delivered(vehicle, run))} | {
+        channel: np.interp(times, run.clocks[channel], run.measured[channel])
+        for channel in ("engine_speed", "wheel_speed")}
     kind = ESTIMATORS[name]
     try:
         values = kind.defaults_from(vehicle, run.gear)
         model = kind(values)
-        for key, value in values.items():
+        first = {key: float(course[0]) for key, course in told.items()}  # it wakes up in the drive, not before it
+        for key, value in (values | {"sampling.period": _FRAME} | first).items():
             model[key] = value
-        model["sampling.period"] = _FRAME
+        model.initialize()
     except InputError:  # a vehicle that no file could hold, or no estimator can be made for: without lash, say
         return {}
-    begin = max(float(run.clocks[c][0]) for c in ("engine_speed", "wheel_speed"))
-    times = np.arange(begin, run.time[-1], _FRAME)
     frames = np.tile([model[variable.name] for variable in model.inputs], (times.size, 1))
-    names = [variable.name for variable in model.inputs]
-    frames[:, names.index("engine_torque")] = np.interp(times, run.time, delivered(vehicle, run))
-    for channel in ("engine_speed", "wheel_speed"):
-        frames[:, names.index(channel)] = np.interp(times, run.clocks[channel], run.measured[channel])
-    for key, value in zip(names, frames[0]):  # it wakes up in the drive, not before it
-        model[key] = float(value)
-    model.initialize()
+    for place, variable in enumerate(model.inputs):
+        if variable.name in told:
+            frames[:, place] = told[variable.name]
     table = {v.name: column for v, column in zip(model.output_variables, model.simulate(frames[1:]).T)}
     settled = table["unexplained_torque"][round(1.0 / _FRAME):]
     heard = {"unexplained_torque": float(np.sqrt(np.mean(settled**2)))} if settled.any() else {}

@@ -46,6 +46,14 @@ def test_estimators_begin_in_the_drive_and_not_at_standstill(tmp_path):
     assert row["estimator"] == "DSKSE" and row["before"] < 10.0
 
 
+def test_of_a_vehicle_without_lash_estimators_say_nothing(car_and_run):
+    _, run = car_and_run
+    car = FullOrderCar("pickup_10r80", "modified", {"transmission.half_gap": 0.0, "final_drive.half_gap": 0.0})
+    without = replace(car.source, values=car.source.values | {
+        "transmission.half_gap": 0.0, "final_drive.half_gap": 0.0})
+    assert profit(without, {"vehicle.mass": 2500.0}, [run]) == []
+
+
 def test_who_had_nothing_to_do_is_left_out(tmp_path):
     hide([], 5, tmp_path / "m", structure="same", manoeuvres=["tip_out:5"])
     measurement = load(tmp_path / "m")
