@@ -213,6 +213,16 @@ def slipping_capacity(plan, work, row, y, mode, slip, full):
 
 
 @kernel
+def relative_speed(plan, work, row, y):
+    """How fast a branch is twisted by its nodes, each at its ratio; the second may be the ground."""
+    p = plan[row + PARAMETER]
+    rate = work[p] * work[y + plan[row + NODE_A]]
+    if plan[row + NODE_B] >= 0:
+        rate -= work[p + 1] * work[y + plan[row + NODE_B]]
+    return rate
+
+
+@kernel
 def fastest_patch(plan, work, y):
     """The largest rate [1/s] at which a tyre's contact patch forgets its deflection; it grows with the slip."""
     fastest = 0.0
@@ -220,11 +230,9 @@ def fastest_patch(plan, work, y):
     for i in range(plan[CONTACTS]):
         row = plan[BRANCH_TABLE] + plan[table + i] * BRANCH_COLUMNS
         p = plan[row + PARAMETER]
-        belt = work[y + plan[row + NODE_A]]
-        slip = work[p] * belt
-        if plan[row + NODE_B] >= 0:
-            slip -= work[p + 1] * work[y + plan[row + NODE_B]]
-        fastest = max(fastest, contact_relaxation_rate(slip, work[p + 5] * belt, work[p + 3], work[p + 4]))
+        rolls = work[p + 5] * work[y + plan[row + NODE_A]]
+        fastest = max(fastest, contact_relaxation_rate(
+            relative_speed(plan, work, row, y), rolls, work[p + 3], work[p + 4]))
     return fastest
 
 

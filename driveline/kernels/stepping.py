@@ -15,7 +15,7 @@ from ..elements.backlash import lash_guard, lash_relaxation
 from ..elements.friction import friction_guard
 from ..elements.two_stage_stiffness import two_stage_guard
 from .backend import kernel
-from .laws import fastest_patch, friction_capacity, rates, slipping_capacity
+from .laws import fastest_patch, friction_capacity, rates, relative_speed, slipping_capacity
 from .layout import (
     BRANCH_COLUMNS, BRANCH_TABLE, CONTINUOUS, INERTIA, LASH, LAW, NODE_A, NODE_B, OK, PARAMETER,
     SIGNAL, SLIDES_TOO_FAST, SLIPPING, SUBSTEP, SWITCHES, SWITCH_TABLE, TOO_MANY_EVENTS, TWIST, TWO_STAGE,
@@ -159,9 +159,7 @@ def guard(plan, work, y, signal, torque, modes, b):
     """Positive where branch ``b``, one that switches, must leave its mode."""
     row = plan[BRANCH_TABLE] + b * BRANCH_COLUMNS
     p = plan[row + PARAMETER]
-    rate = work[p] * work[y + plan[row + NODE_A]]
-    if plan[row + NODE_B] >= 0:
-        rate -= work[p + 1] * work[y + plan[row + NODE_B]]
+    rate = relative_speed(plan, work, row, y)
     if plan[row + LAW] == LASH:
         x = y + plan[row + TWIST]
         rate += work[p + 5] * work[signal + plan[row + SIGNAL]]

@@ -84,21 +84,7 @@ class Plant(KernelModel):
         self.log[:] = [message for message in self.log if message not in self._told]
         self._told = []
         if steady:
-            rolling = self.state.copy()
-            for find in (self._find_equilibrium, self._find_from_more_friction):
-                self.state[:] = rolling
-                found = find(speeds)
-                if self._let_slip():
-                    closed = self.state.copy()
-                    if self._find_equilibrium(speeds):
-                        found = True
-                    else:
-                        self.state[:] = closed  # and begins to slip from there
-                if found:
-                    break
-            else:
-                self.state[:] = rolling
-                self._fill_air_path()
+            found = self._find_start(speeds)
             self._told = self._about_the_start(speeds, found)
             self.log.extend(self._told)
         else:
@@ -400,6 +386,28 @@ class Plant(KernelModel):
         self.state[held] = np.where(self.state[held] > _NOTHING, self.state[held], 0.0)
         self._set_flanks()
         return bool(change < 1e-9)
+
+    def _find_start(self, speeds: np.ndarray) -> bool:
+        """The equilibrium, where controls let slip what they hold; where there is none all rolls, with no twist.
+
+        Returns:
+            Whether it was found.
+        """
+        rolling = self.state.copy()
+        for find in (self._find_equilibrium, self._find_from_more_friction):
+            self.state[:] = rolling
+            found = find(speeds)
+            if self._let_slip():
+                closed = self.state.copy()
+                if self._find_equilibrium(speeds):
+                    found = True
+                else:
+                    self.state[:] = closed  # and begins to slip from there
+            if found:
+                return True
+        self.state[:] = rolling
+        self._fill_air_path()
+        return False
 
     def _find_from_more_friction(self, speeds: np.ndarray) -> bool:
         """The equilibrium followed from a road that carries more to this one, as long as the tyres do not slide.
