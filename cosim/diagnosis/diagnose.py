@@ -138,8 +138,8 @@ def _without_swings(car: InstrumentedPlant) -> dict[str, float]:
 
     A file has no phase for it that is that of a recording: as it is it would only be wrong once more.
     """
-    swings = [p.targets[0] for effect in CATALOGUE.values() for p, _ in zip(effect.parameters, effect.nuisances)]
-    had = {target: size for target in swings if (size := car.values.get(target, 0.0))}
+    had = {target: size for effect in CATALOGUE.values() for p in effect.parameters if p.name in effect.swings
+           for target in p.targets if (size := car.values.get(target, 0.0))}
     car.values |= dict.fromkeys(had, 0.0)
     return had
 
@@ -348,22 +348,25 @@ def _propose(diagnosis: Diagnosis, search: Search, found: Identification) -> Non
             "why": proposal.words(best, found.best)}
 
 
-def _write_vehicle(diagnosis: Diagnosis, values: dict[str, float], out: Path) -> dict[str, float]:
-    """The extended vehicle file; returns what it changes."""
+def _write_vehicle(diagnosis: Diagnosis, values: dict[str, float], out: Path) -> None:
+    """The extended vehicle file."""
     car = diagnosis.car
-    changes = extend.changed_values(car.values | diagnosis.taken_out, values)
     why = f"diagnosis of {diagnosis.measurement.name}: " + ", ".join(
         effect.replace("_", " ") for effect in diagnosis.finding["together"])
-    extend.write_vehicle(car.source, changes, car.units, why, out / extend.EXTENDED)
+    extend.write_vehicle(car.source, _changes(diagnosis, values), car.units, why, out / extend.EXTENDED)
     diagnosis.finding["extension"] = {"vehicle": extend.EXTENDED, "fmu": None}
-    return changes
+
+
+def _changes(diagnosis: Diagnosis, values: dict[str, float]) -> dict[str, float]:
+    """Which of these values of the plant are other ones than in the vehicle file."""
+    return extend.changed_values(diagnosis.car.values | diagnosis.taken_out, values)
 
 
 def _extend(diagnosis: Diagnosis, predictor: Predictor, found: Identification, out: Path | None,
             build: Callable[[Path, Path], Path] | None, say: Callable[[str], None]) -> None:
     """The extended vehicle and FMU, and the gain on the reserved runs, driven freely."""
     car, values = diagnosis.car, _values(predictor, found.best, diagnosis.finding["causes"])
-    changes, fmu = extend.changed_values(car.values | diagnosis.taken_out, values), None
+    changes, fmu = _changes(diagnosis, values), None
     if out is not None:
         _write_vehicle(diagnosis, values, out)
         if build is not None:

@@ -191,6 +191,11 @@ class Effect:
         return first if first in ("sensor", "input") else "plant"
 
     @property
+    def swings(self) -> dict[str, str]:
+        """The parameters that are how much something swings with an angle; the values that hold their phases."""
+        return dict(zip((p.name for p in self.parameters), self.nuisances))
+
+    @property
     def channels(self) -> tuple[str, ...]:
         """The measured channels whose sensor it is; none for an effect of plant or input."""
         names = (t.split(".")[1] for p in self.parameters for t in p.targets if t.startswith("observe."))

@@ -31,6 +31,8 @@ from fmpy.fmi2 import (
     fmi2CallbackFunctions,
     fmi2CallbackLoggerTYPE,
     fmi2Fatal,
+    fmi2OK,
+    fmi2Pending,
     fmi2Warning,
 )
 
@@ -44,7 +46,7 @@ log = logging.getLogger("cosim")
 
 _KINDS = {"Real": "real", "Integer": "integer", "Enumeration": "integer", "Boolean": "boolean",
           "String": "string"}
-_LEVELS = {0: logging.DEBUG, fmi2Warning: logging.WARNING, 5: logging.INFO}  # of what an FMU logs: ok, warning, pending
+_LEVELS = {fmi2OK: logging.DEBUG, fmi2Warning: logging.WARNING, fmi2Pending: logging.INFO}  # of what an FMU logs
 _BASE = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")  # what units are defined by
 _STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
 # What PythonFMU puts before the words of an exception: the names of its own functions.

@@ -107,19 +107,18 @@ def coordinates(car: FullOrderCar, runs: Sequence[Run],
     for effect in effects.values():
         if not all(car.knows(name) for name in effect.changes({}, car.values)):
             continue
-        swings = dict(zip((p.name for p in effect.parameters), effect.nuisances))
         for p in effect.parameters:
             if not _visible(p, channels) or _idle(p, car.values):
                 continue
             healthy = TOLERANCE * p.detection
             alone = len(effect.parameters) > 1 and not effect.joint
             cause = f"{effect.name}:{p.name}" if alone else effect.name
-            if p.name in swings:
+            if p.name in effect.swings:
                 for r, run in enumerate(runs):
                     if not _visible(p, set(run.clocks)):
                         continue
                     found += [Coordinate(p.name, effect.name, cause, r, p, healthy, p.spread, p.detection,
-                                         -p.limits[1], p.limits[1], swings[p.name], part) for part in (0, 1)]
+                                         -p.limits[1], p.limits[1], effect.swings[p.name], part) for part in (0, 1)]
                 continue
             low, high = map(p.coordinate, p.range(car.values))
             found.append(Coordinate(p.name, effect.name, cause, None, p, healthy, p.spread, _STEP * p.detection,
