@@ -400,5 +400,5 @@ def _extend(diagnosis: Diagnosis, predictor: Predictor, found: Identification, o
         for name, clock in run.clocks.items():
             place = run.slices[name]
             diagnosis.traces[(run.name, name)] = (clock, run.measured[name], before[place], after[place])
-    diagnosis.finding["gain"] = {**gained(rows, predictor.tried), "features": features,
+    diagnosis.finding["gain"] = {**gained(rows), "features": features,
                                  "estimators": profit(car.source, changes, diagnosis.reserved)}

@@ -100,7 +100,7 @@ def diagnose_bench(plant: RigidPlant, runs: Sequence[Run], reserved: Sequence[Ru
         # of other channels nothing was diagnosed
         untouched = _traces(Torques(plant, reserved, inverse.band, inverse.channels), after, skew)
         finding["gain"] = gained([Gain.of(run, channel, *courses, inverse.sigma[channel])
-                                  for (run, channel), courses in untouched.items()], len(inverse.names))
+                                  for (run, channel), courses in untouched.items()])
         traces |= untouched
     else:
         notices.append("no recording is left over to measure the gain on")

@@ -9,9 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import brentq
 from scipy.stats import t as student
 
-_FEWEST, _ALONE = 8, 4.0  # blocks that say what is left of an error; of those that count, to say how surely
+_FEWEST = 8  # blocks that say what is left of an error
+_MEMORIES = 0.99 * (np.arange(20) + 0.5) / 20.0  # how alike neighbouring blocks may be
+_FARTHEST = 1e3  # standard errors within which any quantile is
 
 
 def least_squares(regressors: np.ndarray, target: np.ndarray) -> np.ndarray:
@@ -47,39 +50,61 @@ class Remaining:
 
     Attributes:
         share: That ratio; 1 where nothing was gained.
-        low, high: 95 % interval, wider for having tried many; None where too few blocks count to give one.
+        low, high: 95 % interval.
         blocks: How many there are.
-        alone: How many of them count, as neighbours are alike.
+        alone: How many that stand for themselves would say as much, as neighbours are alike.
     """
 
     share: float
-    low: float | None
-    high: float | None
+    low: float
+    high: float
     blocks: int
     alone: float
 
 
-def remaining(change: np.ndarray, tried: int = 1) -> Remaining | None:
+def remaining(change: np.ndarray) -> Remaining | None:
     """What is left of errors in pairs of blocks; None for fewer than ``_FEWEST``.
 
-    Neighbours that are alike count as fewer, as those of a first order process; of a few blocks that is seen too small
-    (Kendall 1954 says by how much).
+    Blocks are a first order process of unknown mean, size and memory. How alike neighbours are shows in a dozen blocks
+    far too weakly to be put in as if it were known, so the mean is averaged over all memories, each weighed by the
+    likelihood of the contrasts between blocks (restricted likelihood, Harville 1974).
 
     Args:
         change: Logarithm of the ratio of root mean squares, block by block.
-        tried: Of how many explanations the errors after are those of the one chosen (Bonferroni).
     """
     count = change.size
     if count < _FEWEST:
         return None
-    e = change - change.mean()
-    alike = float(e[1:] @ e[:-1]) / max(float(e @ e), np.finfo(float).tiny)
-    alike = float(np.clip((count * alike + 1.0) / (count - 4.0), 0.0, 0.9))
-    alone, mean = count * (1.0 - alike) / (1.0 + alike), float(change.mean())
-    if alone < _ALONE:
-        return Remaining(float(np.exp(mean)), None, None, count, alone)
-    reach = float(student.isf(0.025 / tried, alone - 1.0)) * float(change.std(ddof=1)) / np.sqrt(alone)
-    return Remaining(*(float(np.exp(mean + side * reach)) for side in (0.0, -1.0, 1.0)), count, alone)
+    mean = float(change.mean())
+    if not np.ptp(change) > np.finfo(float).eps * max(1.0, abs(mean)):
+        return Remaining(*[float(np.exp(mean))] * 3, count, float(count))
+    means, errors, weights, alone = np.array([_with_memory(change, memory) for memory in _MEMORIES]).T
+    weights = np.exp(weights - weights.max())
+    weights /= weights.sum()
+    reach = float(np.max(np.abs(means - mean) + _FARTHEST * errors))
+
+    def quantile(share: float) -> float:
+        def above(x: float) -> float:
+            return float(weights @ student.cdf((x - means) / errors, count - 1)) - share
+
+        return brentq(above, mean - reach, mean + reach)
+
+    return Remaining(*(float(np.exp(x)) for x in (weights @ means, quantile(0.025), quantile(0.975))), count,
+                     float(1.0 / (weights @ (1.0 / alone))))
+
+
+def _with_memory(change: np.ndarray, memory: float) -> tuple[float, float, float, float]:
+    """Of a stationary first order process: mean, its standard error, log restricted likelihood, blocks that count."""
+    share = np.full(change.size, (1.0 - memory) ** 2)
+    share[[0, -1]] = 1.0 - memory
+    drift = 1.0 - memory**2
+    alone = float(share.sum() / drift)
+    mean = float(share @ change / share.sum())
+    e = change - mean
+    square = float(e[0] ** 2 + np.sum((e[1:] - memory * e[:-1]) ** 2) / drift)
+    free = change.size - 1
+    likelihood = -0.5 * (free * np.log(drift) + np.log(alone) + free * np.log(square))
+    return mean, float(np.sqrt(square / free / alone)), float(likelihood), alone
 
 
 def dependence(errors: np.ndarray, lags: int = 10) -> float:

@@ -141,24 +141,23 @@ class Gain:
         return not np.isnan(self.noise_floor)
 
 
-def gained(rows: Sequence[Gain], tried: int) -> dict[str, Any]:
+def gained(rows: Sequence[Gain]) -> dict[str, Any]:
     """The part ``gain`` of a finding.
 
     Args:
         rows: Of every channel of the recordings that were not used; one that stands still is left out.
-        tried: How many effects could have been found.
 
     Returns:
         As the contract has it, and ``remains``: what is left of the error, mean over signals and blocks of time, with
-        its 95 % interval where there is one; None for too little time. Without any channel all is empty or None.
+        its 95 % interval; None for too little time. Without any channel all is empty or None.
     """
     rows = [row for row in rows if row.has_range]
-    left = remaining(_changes(rows), tried)
+    left = remaining(_changes(rows))
     return {"held_out": [{"manoeuvre": row.run, "signal": row.signal, "nrmse_before": row.nrmse_before,
                           "nrmse_after": row.nrmse_after, "noise_floor": row.noise_floor} for row in rows],
             "fraction_of_noise_floor":
                 float(np.median([row.nrmse_after / row.noise_floor for row in rows])) if rows else None,
-            "remains": left and {**asdict(left), "tried": tried}}
+            "remains": left and asdict(left)}
 
 
 def _changes(rows: Sequence[Gain]) -> np.ndarray:
