@@ -24,6 +24,7 @@ from benchmarks.blind.cases import BlindCase, top_gear
 from benchmarks.blind.reading import CATALOGUED, NOTHING, found_sizes, named, right_first
 from benchmarks.blind.visibility import beside, evident, missed, visibility
 from cosim.diagnosis.catalogue import CATALOGUE, apply_all
+from cosim.diagnosis.gain.swings import as_driven
 from cosim.diagnosis.hidden import Hidden, hide
 from cosim.diagnosis.hidden.recordings import BACK, KINDS, usual
 from cosim.diagnosis.plants import FullOrderCar
@@ -272,12 +273,14 @@ def _true(car: FullOrderCar, hidden: Hidden) -> dict[str, float]:
 
 
 def _ideal(diagnosis: Any, hidden: Hidden) -> dict[str, list[float]] | None:
-    """NRMSE of each signal of the reserved recordings, of the file's and of the true model."""
-    if not diagnosis.reserved or not hidden.effects:
+    """NRMSE of each signal of the reserved recordings, of the file's and of the true model, each as a finding's is."""
+    if not diagnosis.reserved or not hidden.effects or diagnosis.identification is None:
         return None
-    car, found = diagnosis.car, {}
-    for run in (reserved.free for reserved in diagnosis.reserved):
-        shown = [car.predict(values, run) for values in (car.values, _true(car, hidden))]
+    car, floors, found = diagnosis.car, diagnosis.identification.noise.floors, {}
+    phases = [name for effect in hidden.effects for name in CATALOGUE[effect].nuisances]
+    for run in diagnosis.reserved:
+        shown = [car.predict(*as_driven(car, values, run, floors, unknown))
+                 for values, unknown in ((car.values, ()), (_true(car, hidden), phases))]
         for name, place in run.slices.items():
             reach = float(np.ptp(run.measured[name]))
             found.setdefault(name, []).append([float(np.sqrt(np.mean((run.measured[name] - y[place])**2))) / reach

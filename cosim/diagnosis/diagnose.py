@@ -22,7 +22,7 @@ from cosim.diagnosis.fit.noise import Noise
 from cosim.diagnosis.fit.predict import Predictor, coordinates
 from cosim.diagnosis.gain import extend
 from cosim.diagnosis.gain.profit import profit
-from cosim.diagnosis.gain.swings import in_phase
+from cosim.diagnosis.gain.swings import as_driven
 from cosim.diagnosis.judge import proposal
 from cosim.diagnosis.judge.confirm import FEWEST, Jury, words
 from cosim.diagnosis.judge.finding import believed, doubts, gained
@@ -377,25 +377,24 @@ def _extend(diagnosis: Diagnosis, predictor: Predictor, found: Identification, o
         return
     say("measuring the gain on " + ", ".join(run.name for run in diagnosis.reserved))
     floors, phases = found.noise.floors, [name for effect in found.best.effects for name in CATALOGUE[effect].nuisances]
-    roads = {(extended, run.name): on_its_road(car, values if extended else car.values, run, floors)
-             for extended in (False, True) for run in diagnosis.reserved}
-    phase = {run.name: in_phase(car, values, roads[True, run.name], floors, phases) for run in diagnosis.reserved}
+    driven = {(extended, run.name): as_driven(car, cause, run, floors, unknown)
+              for extended, cause, unknown in ((False, car.values, ()), (True, values, phases))
+              for run in diagnosis.reserved}
 
     def known(extended: bool, run: Run) -> dict[str, float]:
-        return {**values, **phase[run.name]} if extended else car.values
+        return driven[extended, run.name][0]
 
     def simulate(extended: bool, run: Run) -> dict[str, np.ndarray]:
-        values, run = known(extended, run), roads[extended, run.name]
+        values, run = driven[extended, run.name]
         if fmu is None:
             return car.raw(values, run)
-        other = phase[run.name] if extended else {name: car.values[name] for name in changes}
-        return extend.co_simulate(fmu, {name: x for name, x in other.items() if name in car.units},
-                                  extend.with_inputs(run, values), run.start_speed)
+        other = {name: values[name] for name in (phases if extended else changes) if name in car.units}
+        return extend.co_simulate(fmu, other, extend.with_inputs(run, values), run.start_speed)
 
     rows = extend.gain(diagnosis.reserved, simulate, known, floors)
     wanted, features = [(entry["signal"], entry["feature"]) for entry in diagnosis.finding["wrong"]], []
     for run in diagnosis.reserved:
-        before, after = (car.predict(known(extended, run), roads[extended, run.name]) for extended in (False, True))
+        before, after = (car.predict(*driven[extended, run.name]) for extended in (False, True))
         features += extend.read_off(run, before, after, wanted, car.values[_FIRING_ORDER])
         for name, clock in run.clocks.items():
             place = run.slices[name]

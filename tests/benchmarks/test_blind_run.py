@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import fake_diagnosis
 import numpy as np
 import pytest
+from floors import FLOORS, measured
 
 from benchmarks.blind import __main__ as command
 from benchmarks.blind import run as blind
@@ -232,6 +233,22 @@ def test_what_was_not_found_is_fitted_from_the_truth_also_where_it_was_driven_ag
             else blind.examined(case, FAKE))
     assert told["error"] is None
     assert sorted(key for key in ("missed", "beside") if told.get(key)) == asked
+
+
+def test_what_the_true_model_gains_is_measured_in_phase_with_the_recording(tmp_path):
+    """As of a finding: what swings has a phase of its own in every recording, which no vehicle file knows."""
+    hide([], 3, tmp_path, structure="same", drift="none", manoeuvres=["tip_in:3"])
+    measurement = load(tmp_path)
+    car = plant_for(measurement)
+    [run] = car.runs(measurement)
+    size, [phase] = {"torque_ripple.amplitude": 40.0}, CATALOGUE["torque_ripple"].nuisances
+    run = measured(car, run, car.raw({**car.values, **size, phase: 2.0}, run.free))
+    hidden = SimpleNamespace(effects={"torque_ripple": {}}, changed={name: (0.0, x) for name, x in size.items()})
+    noise = SimpleNamespace(floors=FLOORS)
+    told = blind._ideal(SimpleNamespace(car=car, reserved=[run], identification=SimpleNamespace(noise=noise)), hidden)
+    for name in ("engine_speed", "turbine_speed", "transmission_output_speed"):
+        floor, (before, after) = FLOORS[name] / np.ptp(run.measured[name]), told[name]
+        assert before > 2.0 * after and after == pytest.approx(floor, rel=0.2)
 
 
 def test_a_worker_with_other_code_is_refused():

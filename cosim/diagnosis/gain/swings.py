@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
+from cosim.diagnosis.judge.road import on_its_road
 from cosim.diagnosis.plants import FullOrderCar, Run
 from driveline.quantities import InputError
 
@@ -36,3 +37,13 @@ def in_phase(car: FullOrderCar, values: Mapping[str, float], run: Run, floors: M
         cosine, sine = np.linalg.lstsq(parts, run.stacked / scale - middle, rcond=None)[0]
         found[phase] = float(np.arctan2(sine, cosine))
     return found
+
+
+def as_driven(car: FullOrderCar, values: Mapping[str, float], run: Run, floors: Mapping[str, float],
+              unknown: Iterable[str] = ()) -> tuple[dict[str, float], Run]:
+    """A car with what swings in phase with a recording, and the recording left to itself on the road that suits it.
+
+    As two cars are compared with what was measured. Arguments as of ``in_phase``.
+    """
+    run = on_its_road(car, values, run, floors)
+    return {**values, **in_phase(car, values, run, floors, unknown)}, run
