@@ -66,9 +66,12 @@ def apply(effect: Effect, sizes: Values, values: Values) -> dict[str, float]:
 
 
 def apply_all(sizes: Mapping[str, Values], values: Values) -> dict[str, float]:
-    """Several effects at once, ``{effect: {parameter: size}}``, one after the other in the order given."""
-    for name, one in sizes.items():
-        values = apply(effect(name), one, values)
+    """Several effects at once, ``{effect: {parameter: size}}``, one after the other in the order of the catalogue.
+
+    Two of them may be of one thing: a lash elsewhere that is larger is not one that is larger and then moved.
+    """
+    for one in sorted(map(effect, sizes), key=[*CATALOGUE.values()].index):
+        values = apply(one, sizes[one.name], values)
     return dict(values)
 
 

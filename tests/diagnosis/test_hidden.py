@@ -3,6 +3,8 @@
 import ast
 import json
 import pathlib
+import re
+from importlib import resources
 
 import numpy as np
 import pytest
@@ -10,10 +12,12 @@ from runs import plant, run, start_values
 
 from cosim import cli
 from cosim.diagnosis import hidden as package
-from cosim.diagnosis.catalogue import CATALOGUE, effect
+from cosim.diagnosis.catalogue import CATALOGUE, apply_all, effect
+from cosim.diagnosis.fit.predict import Predictor, coordinates
 from cosim.diagnosis.hidden import COCKTAIL, drawn, hide, sizes_of
 from cosim.diagnosis.hidden.model import simulate
 from cosim.diagnosis.hidden.outside import OUTSIDE
+from cosim.diagnosis.plants import plant_for
 from cosim.diagnosis.show.features import order_content
 from cosim.measured import load
 from driveline.quantities import InputError
@@ -362,6 +366,49 @@ def test_what_is_hidden_twice_is_refused(tmp_path, effects, message):
     """The truth could say one of it only."""
     with pytest.raises(InputError, match=message):
         hide(effects, 1, tmp_path / "m", manoeuvres=["tip_in:5"])
+
+
+@pytest.mark.parametrize("effects", [["backlash_size=0.7", "backlash_location=0.02"],
+                                     ["backlash_size=0.5", "backlash_location=0.04"],
+                                     ["vehicle_mass=1.1", "rolling_resistance=2"]])
+def test_what_is_hidden_is_the_same_in_any_order_and_what_a_diagnosis_takes_it_for(tmp_path, effects):
+    one, other = (hide(given, 5, tmp_path / "m", manoeuvres=SHORT) for given in (effects, effects[::-1]))
+    assert one.changed == other.changed
+    true = apply_all(one.effects, load_vehicle("pickup_10r80", "modified").values)
+    assert {name: value for name, (_, value) in one.changed.items()} == {name: true[name] for name in one.changed}
+    car = plant_for(load(tmp_path / "m"))
+    runs = car.runs(load(tmp_path / "m"))
+    declared = coordinates(car, runs)
+    point = [c.parameter.coordinate(one.effects[c.effect][c.name]) if c.effect in one.effects else 0.0
+             for c in declared]
+    with Predictor(car, runs, declared, 1) as predictor:
+        values, _ = predictor.values(np.array(point), 0)
+    assert [values[name] for name in one.changed] == pytest.approx([true[name] for name in one.changed])
+
+
+def test_sensors_that_the_file_says_are_late_are_late(tmp_path):
+    file = resources.files("driveline.vehicles").joinpath("pickup_10r80.toml").read_text()
+    late = re.sub(r"(\[wheel_speed_sensor\]\n(?:.*\n)*?delay = \{ value = )[0-9.]+, unit = \"[a-z]+\"",
+                  r'\g<1>30, unit = "ms"', file)
+    assert late != file
+    (tmp_path / "late.toml").write_text(late)
+    shown = []
+    for number, vehicle in enumerate(("pickup_10r80", str(tmp_path / "late.toml"))):
+        hide([], 3, tmp_path / f"{number}", vehicle=vehicle, variant="modified", structure="same", manoeuvres=SHORT)
+        [manoeuvre] = load(tmp_path / f"{number}").manoeuvres
+        shown.append(manoeuvre["wheel_speed"])
+    early, late = shown
+    inside = (late.time > 0.1) & (late.time < 6.8)
+    moved, still = (np.interp(late.time[inside] - shift, early.time, early.values) - late.values[inside]
+                    for shift in (0.03, 0.0))
+    assert np.sqrt(np.mean(moved**2)) < 0.5 * np.sqrt(np.mean(still**2))
+
+
+@pytest.mark.parametrize(("text", "factor"), [("-100 kg", -100.0), ("+100 kg", 100.0)])
+def test_so_much_less_is_as_good_as_so_much_more(text, factor):
+    values = load_vehicle("pickup_10r80", "modified").values
+    sizes = sizes_of(effect("vehicle_mass"), text, values, np.random.default_rng(1))
+    assert sizes["vehicle_mass"] == pytest.approx(1.0 + factor / values["vehicle.mass"])
 
 
 @pytest.mark.parametrize("text", ["first_stage_twist:2 deg", "first_stage_stiffness:0.5"])

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from cosim import units
-from cosim.diagnosis.catalogue import CATALOGUE, apply, effect
+from cosim.diagnosis.catalogue import CATALOGUE, apply_all, effect
 from cosim.diagnosis.effect import SLOPE, Effect, EffectParameter
 from cosim.diagnosis.hidden.model import PRE_ROLL, simulate
 from cosim.diagnosis.hidden.outside import OUTSIDE, PREFIX
@@ -119,15 +119,14 @@ def hide(effects: Sequence[str], seed: int, out: Path, *, vehicle: str = VEHICLE
             raise InputError(f"{what} is {value!r}{did_you_mean(str(value), known)}")
     random = np.random.default_rng([seed, 4])
     structure = structure or ("other" if np.random.default_rng([seed, 7]).uniform() < 1 / 3 else "same")
-    wanted = list(effects)
+    wanted = sorted(effects, key=lambda entry: entry != COCKTAIL)  # which says what the others are of
     variant = None if COCKTAIL in wanted else variant or usual_variant(vehicle)
     nominal = dict(vehicles.load(vehicle, variant).values)
-    values, sizes, outside = dict(nominal), {}, {}
+    mixed, sizes, chosen, outside = nominal, {}, {}, {}
     for entry in wanted:
         name, _, text = entry.partition("=")
         if name == COCKTAIL:
-            values, more = cocktail(vehicle, values)
-            sizes |= more
+            mixed, sizes = cocktail(vehicle, nominal)
         elif name.startswith(PREFIX):
             name = name.removeprefix(PREFIX)
             outside[name] = _outside_size(name, text, random)
@@ -136,14 +135,14 @@ def hide(effects: Sequence[str], seed: int, out: Path, *, vehicle: str = VEHICLE
             if name in sizes:
                 raise InputError(f"{name} is there twice: one entry for each effect, for several of its numbers "
                                  f"{name}=PARAMETER:SIZE,PARAMETER:SIZE")
-            found = effect(name)
+            found, before = effect(name), apply_all(chosen, mixed)
             for _ in range(1 if text else _DRAWS):
-                sizes[name] = sizes_of(found, text, nominal, random)
-                before, values = values, apply(found, sizes[name], values)
-                if _changed(before, values):
+                sizes[name] = chosen[name] = sizes_of(found, text, nominal, random)
+                if _changed(before, apply_all(chosen, mixed)):
                     break
             else:
                 raise InputError(f"{entry} changes nothing of {vehicle}" + (f", {variant}" if variant else ""))
+    values = apply_all(chosen, mixed)
     changed = _changed(nominal, values)
     drifted = _drift(nominal, changed, drift, np.random.default_rng([seed, 5]))
     values |= {name: values[name] * (1.0 + share) for name, share in drifted.items()}
@@ -197,9 +196,9 @@ def sizes_of(effect: Effect, text: str, nominal: Mapping[str, float],
 
     A bare number is the size as the catalogue counts it: a factor, or what is added in SI. ``+15 %`` is a
     factor of 1.15; a number with a unit is the value the parameter shall have, ``+334 kg`` what it shall have
-    more, and for what has no value of its own (``30 ms`` of delay) simply the size. One number for an effect
-    of several parameters is for all of its first kind (factors or sums); of the others, and of those that are
-    not named, those that mean nothing alone get a usual one.
+    more, ``-100 kg`` less, and for what has no value of its own (``30 ms`` of delay) simply the size. One number
+    for an effect of several parameters is for all of its first kind (factors or sums); of the others, and of those
+    that are not named, those that mean nothing alone get a usual one.
 
     Raises:
         InputError: Not a size, or not a plausible one.
@@ -242,7 +241,7 @@ def _size(parameter: EffectParameter, text: str, nominal: Mapping[str, float]) -
     if len(parameter.targets) > 1:
         raise InputError(f"{parameter.name}={text}: it changes {', '.join(parameter.targets)} together, so a "
                          "factor is needed")
-    return (now + value) / now if plus else value / now
+    return (now + value) / now if plus or value < 0.0 else value / now
 
 
 def drawn(effect: Effect, random: np.random.Generator) -> dict[str, float]:

@@ -158,7 +158,8 @@ def logged(drive: Drive, recorded: Recorded, values: Mapping[str, float],
             kept &= ~((stamps > busy) & (stamps < busy + random.uniform(0.03, 0.1)))
         stamps = stamps[kept]
         error = {e: values.get(f"observe.{name}.{e}", 0.0) for e in ("clock_drift", "clock_offset", "delay")}
-        true_time = (stamps - error["clock_offset"]) / (1.0 + error["clock_drift"]) - error["delay"]
+        late = error["delay"] + values.get(f"{name}_sensor.delay", 0.0)
+        true_time = (stamps - error["clock_offset"]) / (1.0 + error["clock_drift"]) - late
         factor, offset = units.conversion(CANONICAL[name].unit, logger.unit)
         shown = factor * np.interp(true_time, recorded.time, true) + offset
         shown = shown + random.normal(0.0, logger.noise, shown.size)

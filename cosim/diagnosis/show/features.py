@@ -174,9 +174,10 @@ class Reader:
         for name, values in channels.items():
             if name in _RINGING:
                 found[(name, "shuffle frequency")], found[(name, "shuffle damping")] = self._shuffle(values)
-            found[(name, "lag")], found[(name, "amplitude")], _ = self._shift(name, values)
+            lag, found[(name, "amplitude")], _ = self._shift(name, values)
+            found[(name, "lag")] = lag
             if name in _TORQUES:
-                found[(name, "gain")], found[(name, "zero offset")] = _line(reference[name], values)
+                found[(name, "gain")], found[(name, "zero offset")] = self._line(reference[name], values, lag or 0.0)
             elif not name.endswith("speed"):  # where a speed starts is fitted, so that its level says nothing
                 found[(name, "level")] = float(np.mean(values))
             error = values - reference[name]
@@ -232,6 +233,15 @@ class Reader:
         if best in (0, _LAGS.size - 1):
             return None, None, left
         return lag, scale if scale > 0.0 else None, left
+
+    def _line(self, x: np.ndarray, y: np.ndarray, lag: float) -> tuple[float, float]:
+        """Factor and offset from x to y, which is as much later [s]; that it is some more or less does not change them.
+        """
+        late = np.interp(self.grid - lag, self.grid, x)
+        inner = _EDGE + int(np.ceil(abs(lag) * _RATE))  # samples at the ends that another would be needed for
+        design = np.column_stack([late, np.ones(late.size), _changes(late)])[inner:-inner]
+        factor, offset, _ = np.linalg.lstsq(design, y[inner:-inner], rcond=None)[0]
+        return float(factor), float(offset)
 
     def _shuffle(self, values: np.ndarray) -> tuple[float | None, float | None]:
         """Frequency [Hz] and damping ratio of a damped oscillation over a parabola, by variable projection."""
@@ -297,10 +307,11 @@ def order_content(time: np.ndarray, values: np.ndarray, clock: np.ndarray, speed
         order: Oscillations per revolution.
     """
     rate = 1.0 / float(np.median(np.diff(time)))
-    frequency = order * float(np.mean(np.abs(speed))) / (2.0 * np.pi)
-    if frequency < 0.5:
+    frequencies = order * np.abs(speed) / (2.0 * np.pi)
+    shown = float(np.mean(np.abs(frequencies - rate * np.round(frequencies / rate))))  # folded
+    if shown < 0.5:
         return None
-    window = max(5, 2 * round(0.7 * rate / frequency) + 1)
+    window = max(5, 2 * round(0.7 * rate / shown) + 1)
     if values.size <= 2 * window:
         return None
     angle = np.interp(time, clock, np.concatenate([[0.0], np.cumsum(
@@ -324,14 +335,6 @@ def _ratio(over: np.ndarray, under: np.ndarray) -> float:
     inner = slice(_EDGE, -_EDGE)
     design = np.column_stack([under, _changes(under)])[inner]
     return float(np.linalg.lstsq(design, over[inner], rcond=None)[0][0])
-
-
-def _line(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
-    """Factor and offset from x to y; that y is late does not change them."""
-    inner = slice(_EDGE, -_EDGE)
-    design = np.column_stack([x, np.ones(x.size), _changes(x)])[inner]
-    factor, offset, _ = np.linalg.lstsq(design, y[inner], rcond=None)[0]
-    return float(factor), float(offset)
 
 
 def _slope(x: np.ndarray, y: np.ndarray) -> float:
@@ -366,8 +369,11 @@ def words(signal: str, feature: str, measured: float, simulated: float) -> str:
         return f"waveform off by {measured:.3g}{unit} rms, {times}"
     if kind.one_sided:
         return f"{feature} of {measured:.3g}{unit} that the simulation does not have"
+    if feature == "drift" and measured * simulated > 0.0:
+        what, how = "gained" if measured > 0.0 else "lost", "fast" if abs(simulated) > abs(measured) else "slowly"
+        return f"speed {what} {100.0 * abs(size / measured):.2g} % too {how}"
     side = "high" if size > 0.0 else "low"
-    if kind.relative and abs(size) < abs(measured):
+    if kind.relative and abs(size) < measured:
         return f"{feature} {100.0 * abs(size / measured):.2g} % {side}"
     if kind.relative and simulated > measured > 0.0:
         return f"{feature} {simulated / measured:.2g} times as large as measured"

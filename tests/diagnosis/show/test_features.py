@@ -128,6 +128,15 @@ def test_gain_and_zero_offset_of_a_torque_are_told_apart():
     assert found[("propeller_shaft_torque", "zero offset")] == pytest.approx(-12.0)
 
 
+@pytest.mark.parametrize("lag", [0.02, -0.015, 0.08])
+def test_a_torque_that_is_late_has_the_gain_and_zero_offset_it_has(lag):
+    found = read(recorded(step, {"propeller_shaft_torque": 0.004},
+                          propeller_shaft_torque=lambda time: 1.1 * smooth(5.9)(time - lag) + 7.0),
+                 recorded(step, {"propeller_shaft_torque": 0.004}, propeller_shaft_torque=smooth(5.9)))
+    assert found[("propeller_shaft_torque", "gain")] == pytest.approx(1.1, abs=0.003)
+    assert found[("propeller_shaft_torque", "zero offset")] == pytest.approx(7.0, abs=0.6)
+
+
 def test_dead_time_is_how_long_the_torque_stays_at_zero():
     """From -100 N.m at 1 kN.m/s up to zero, a plateau of 0.13 s there, up to 300 N.m."""
     def signal(time):
@@ -198,6 +207,18 @@ def test_order_content_is_the_amplitude_at_that_order_of_a_shaft_that_speeds_up(
         assert found == pytest.approx(amplitude, abs=0.02)
 
 
+@pytest.mark.parametrize("frequency", [20.0, 60.0, 72.0, 90.0, 110.0, 128.0, 140.0, 180.0])
+def test_order_content_is_read_above_half_of_the_sampling_rate(frequency):
+    """At 100 Hz; the third order of an engine is at 70 to 120 Hz in a tip-in."""
+    random, time = np.random.default_rng(2), np.arange(0.0, 7.0, 0.01)
+    speed = 2.0 * np.pi * frequency / 3.0 * (1.0 + 0.05 * (time / 7.0 - 0.5))
+    angle = np.concatenate([[0.0], np.cumsum(0.005 * (speed[1:] + speed[:-1]))])
+    slow = speed + 0.4 * np.sin(2.0 * np.pi * 5.9 * time) * np.exp(-time)
+    for amplitude in (0.0, 0.15):
+        values = slow + amplitude * np.sin(3.0 * angle + 0.7) + random.normal(0.0, 0.05, time.size)
+        assert order_content(time, values, time, speed, 3.0) == pytest.approx(amplitude, abs=0.02)
+
+
 def test_order_content_of_a_shaft_that_hardly_turns_is_not_told():
     time = np.arange(0.0, 7.0, 0.01)
     assert order_content(time, np.sin(time), time, np.full(time.size, 1.0), 1.0) is None
@@ -221,6 +242,10 @@ def test_words_tell_side_and_size():
     assert words("wheel_speed", "lag", -0.002, 0.0) == "measured 2 ms earlier than simulated"
     assert words(torque, "lag behind the others", 0.0042, 0.0) == "measured 4.2 ms later than the other channels"
     assert words(torque, "overshoot", 10.0, 35.0) == "overshoot 3.5 times as large as measured"
+    assert words("vehicle_speed", "drift", -0.5, -0.4) == "speed lost 20 % too slowly"
+    assert words("vehicle_speed", "drift", 0.5, 0.6) == "speed gained 20 % too fast"
+    assert words("vehicle_speed", "drift", -0.1, 0.1) == "drift 0.2 m/s/s high"
+    assert words(torque, "overshoot", -10.0, -6.0) == "overshoot 4 N.m high"
     assert words(torque, "waveform", 12.0, 3.0) == (
         "waveform off by 12 N.m rms, 4.0 times what tolerance and noise explain")
     assert unit_of("wheel_speed", "drift") == "rad/s/s"
