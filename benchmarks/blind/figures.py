@@ -10,6 +10,8 @@ import numpy as np
 from scipy.stats import binomtest, quantile_test
 
 BINS = 10  # of probabilities, in the reliability table
+# Cases of which drawing again says how sure their mean is: a few that happen to be alike say nothing of others.
+_FEWEST = 8
 
 
 @dataclass(frozen=True)
@@ -77,7 +79,7 @@ def median(cases: str, quantity: str, values: Iterable[float], target: tuple[str
 
 
 def mean(cases: str, quantity: str, values: Iterable[float], target: tuple[str, float] | None = None) -> Row:
-    """A mean with its bootstrapped interval."""
+    """A mean with its bootstrapped interval, where there are enough for one."""
     values = np.array(list(values), dtype=np.float64)
     if values.size == 0:
         return Row(cases, quantity, _words(target, False), None, None, None, 0, None, percent=False)
@@ -86,7 +88,10 @@ def mean(cases: str, quantity: str, values: Iterable[float], target: tuple[str, 
                _shown(low, high, target), False)
 
 
-def _bootstrapped(items: np.ndarray, figure: Callable[[np.ndarray], float]) -> tuple[float, float, float]:
+def _bootstrapped(items: np.ndarray,
+                  figure: Callable[[np.ndarray], float]) -> tuple[float, float | None, float | None]:
+    if len(items) < _FEWEST:
+        return figure(items), None, None
     random = np.random.default_rng(0)
     drawn = [figure(items[random.integers(len(items), size=len(items))]) for _ in range(1000)]
     return figure(items), *(float(x) for x in np.quantile(drawn, [0.025, 0.975]))

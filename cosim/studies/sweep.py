@@ -206,17 +206,17 @@ def _code() -> str:
 
 @functools.cache
 def _source(module: str) -> str:
-    """Digest of the function's module and of all it uses of this project."""
-    names = _used(module, set())
+    """Digest of the function's module and of all it uses of this project and of its own package."""
+    names = _used(module, ("cosim.", module.partition(".")[0] + "."), set())
     return hashlib.sha256(b"".join(Path(sys.modules[name].__file__).read_bytes() for name in sorted(names))).hexdigest()
 
 
-def _used(module: str, seen: set[str]) -> set[str]:
+def _used(module: str, packages: tuple[str, ...], seen: set[str]) -> set[str]:
     seen.add(module)
     for value in vars(sys.modules[module]).values():
         name = value.__name__ if isinstance(value, ModuleType) else getattr(value, "__module__", None)
-        if isinstance(name, str) and name.startswith("cosim.") and name not in seen:
-            _used(name, seen)
+        if isinstance(name, str) and name.startswith(packages) and name not in seen:
+            _used(name, packages, seen)
     return seen
 
 

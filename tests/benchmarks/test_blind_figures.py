@@ -28,6 +28,16 @@ def test_a_target_that_few_cases_meet_is_not_shown():
     assert median.met and not median.shown
 
 
+def test_a_few_cases_that_are_alike_show_nothing_of_their_mean():
+    """Of one or seven there is no interval; of eight sets of one cause there is."""
+    one, seven, eight = (figures.mean("", "", [1] * n, ("<=", 1.8)) for n in (1, 7, 8))
+    for few in (one, seven):
+        assert few.met and not few.shown and few.low is few.high is None and few.cells()[-1] == "not shown"
+    assert eight.shown and (eight.low, eight.high) == (1.0, 1.0)
+    error, _ = figures.calibration("", [np.array([[0.97, 1.0]])])
+    assert error.met and not error.shown and error.low is None
+
+
 def test_the_fewer_forecasts_the_larger_the_calibration_error_of_exact_ones():
     few, many = (np.mean(figures.exact_calibration_errors(np.full(n, 0.5))) for n in (25, 2500))
     assert few == pytest.approx(0.5 * np.sqrt(2.0 / np.pi) / 5.0, rel=0.1)  # mean distance of a binomial share

@@ -3,6 +3,7 @@
 import json
 import resource
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import fake_diagnosis
@@ -11,6 +12,7 @@ import pytest
 from floors import FLOORS, measured
 
 from benchmarks.blind import __main__ as command
+from benchmarks.blind import reading, visibility
 from benchmarks.blind import run as blind
 from benchmarks.blind.cases import ANY, CARS, CATEGORIES, THROUGH_LASH, BlindCase, cases, wanted
 from cosim.diagnosis.catalogue import CATALOGUE
@@ -18,6 +20,7 @@ from cosim.diagnosis.hidden import COCKTAIL, VEHICLE, hide, highest_gear, sizes_
 from cosim.diagnosis.hidden.recordings import KINDS, asked
 from cosim.diagnosis.plants import plant_for
 from cosim.measured import load
+from cosim.studies import sweep
 from driveline import vehicles
 from driveline.quantities import InputError
 
@@ -193,6 +196,22 @@ def test_what_other_code_found_is_done_again(here, tmp_path, monkeypatch, caplog
     assert told == ["of another version"] and before[0]["code"] != after[0]["code"]
     assert "1 results of another version of the code" in caplog.text
     assert len(blind.read(tmp_path / blind.LINES)) == 1
+
+
+def test_what_judges_a_finding_is_code_a_result_stands_on(monkeypatch):
+    """How much shows of what is hidden is kept with the finding."""
+    def key():
+        sweep._source.cache_clear()
+        return sweep.Case("x", blind.examined, {}).key
+
+    before, changed = key(), [visibility.__file__, reading.__file__]
+    real = Path.read_bytes
+    keys = {before}
+    for file in changed:
+        monkeypatch.setattr(Path, "read_bytes", lambda path, file=file: real(path) + b"#" * (str(path) == file))
+        keys.add(key())
+    monkeypatch.undo()
+    assert len(keys) == 3 and key() == before
 
 
 def test_the_proposed_manoeuvre_goes_with_the_usual_ones_of_the_vehicle(monkeypatch):
