@@ -71,11 +71,16 @@ class Result:
         """Write a CSV file whose header reads ``name [unit]``, and the provenance as JSON beside it.
 
         The numbers have as many digits as it takes to get the same doubles back.
+
+        Raises:
+            InputError: The path ends in ``.json``, as that of the provenance does.
         """
         path, metadata = Path(path), self._metadata(indent=2)
-        headers = {name: f"{name} [{unit}]" for name, unit in {"time": "s", **self.units}.items()}
+        if path.suffix == ".json":
+            raise InputError(f"{path}: units and provenance go into a file of that name, so the table needs another, "
+                             "such as one that ends in .csv")
         with replacing(path) as temporary:
-            self._frame(headers).write_csv(temporary)
+            self._frame(_headers(self._units())).write_csv(temporary)
         write_text(path.with_suffix(".json"), metadata + "\n")
 
     def to_parquet(self, path: str | Path) -> None:
@@ -102,21 +107,33 @@ class Result:
             else:
                 metadata = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
                 frame = polars.read_csv(path, infer_schema=False, glob=False).cast(polars.Float64)
-        except (KeyError, OSError, ValueError, polars.exceptions.PolarsError) as error:
+            units, provenance, complete = (metadata[key] for key in ("units", "provenance", "complete"))
+        except (KeyError, TypeError, OSError, ValueError, polars.exceptions.PolarsError) as error:
             raise InputError(f"{path} is not a result of this package: {error}") from error
-        units = metadata["units"]
-        columns = dict(zip(["time", *units], frame.iter_columns()))
-        return cls(columns.pop("time").to_numpy(), {name: c.to_numpy() for name, c in columns.items()},
-                   units, metadata["provenance"], metadata["complete"])
+        headers = dict.fromkeys(["time", *units]) if path.suffix == ".parquet" else _headers(units)
+        names = {header or name: name for name, header in headers.items()}
+        if odd := set(names).symmetric_difference(frame.columns):
+            raise InputError(f"{path} does not have the columns that its metadata name: {', '.join(sorted(odd))}")
+        columns = {name: frame[header].to_numpy() for header, name in names.items()}
+        return cls(columns.pop("time"), columns, units, provenance, complete)
+
+    def _units(self) -> dict[str, str]:
+        """Of every signal."""
+        return {name: self.units.get(name, "") for name in self.signals}
 
     def _metadata(self, indent: int | None = None) -> str:
         """Everything but the numbers, as JSON."""
-        entries = {"complete": self.complete, "units": dict(self.units), "provenance": dict(self.provenance)}
+        entries = {"complete": self.complete, "units": self._units(), "provenance": dict(self.provenance)}
         return json.dumps(entries, indent=indent, default=_plain)
 
     def _frame(self, headers: Mapping[str, str]) -> polars.DataFrame:
         columns = {"time": self.time, **self.signals}
         return polars.DataFrame({headers.get(name, name): values for name, values in columns.items()})
+
+
+def _headers(units: Mapping[str, str]) -> dict[str, str]:
+    """The columns' names in a CSV file."""
+    return {name: f"{name} [{unit}]" for name, unit in {"time": "s", **units}.items()}
 
 
 def _plain(value: Any) -> Any:

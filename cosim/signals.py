@@ -33,6 +33,12 @@ class Signal:
     kind: ClassVar[str] = ""
     unit: str = ""
 
+    def __post_init__(self) -> None:
+        for name in _TIMES:
+            value = getattr(self, name, 0.0)
+            if np.ndim(value) == 0 and not np.isfinite(value):
+                raise InputError(f"{name} is {value:g}: a finite number is needed")
+
     def values(self, time: np.ndarray) -> np.ndarray:
         """The values at the instants ``time`` [s], same shape."""
         raise NotImplementedError
@@ -81,6 +87,7 @@ class Ramp(Signal):
     duration: float
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         _positive(self, "duration")
 
     def values(self, time: np.ndarray) -> np.ndarray:
@@ -98,6 +105,7 @@ class FirstOrder(Signal):
     time_constant: float
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         _positive(self, "time_constant")
 
     def values(self, time: np.ndarray) -> np.ndarray:
@@ -123,8 +131,11 @@ class PulseTrain(Signal):
     count: int = 0
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         _positive(self, "period")
         _positive(self, "width")
+        if self.count < 0 or not float(self.count).is_integer():
+            raise InputError(f"count is {self.count:g}: a whole number is needed, 0 for pulses to the end")
         if self.width >= self.period:
             raise InputError(f"width is {self.width:g} s: less than the period, {self.period:g} s, is needed")
 

@@ -20,6 +20,7 @@ from cosim.studies.findings import Findings
 from cosim.toml import TomlFile
 from driveline import vehicles
 from driveline.estimators import ESTIMATORS
+from driveline.quantities import InputError
 from driveline.vehicles import Vehicle
 
 log = logging.getLogger("cosim")
@@ -27,6 +28,7 @@ log = logging.getLogger("cosim")
 VEHICLE = "suv_6l80"
 PERIOD = 0.03  # [s], about the log's own rate
 SHARE = 0.05  # gears used less than this are left out
+SETTLED = 0.5  # [s]: for so long a gear is engaged before what an estimator says is of it
 LOCKED = 2.0  # [rad/s]: a converter that slips less is taken as locked
 
 
@@ -49,12 +51,19 @@ class RoadLog:
         """From a folder with measurement.toml, that file, or a data file; None where there is none.
 
         Raises:
-            InputError: It cannot be understood, or a signal that is needed is not in it.
+            InputError: It cannot be understood, a signal that is needed is not in it, it is too short to look at, or in
+                a gear that its vehicle does not have.
         """
         if measurement is None:
             return None
         manoeuvre, vehicle = _load(measurement)
-        return cls(_signals(manoeuvre, vehicle), vehicle, manoeuvre.stop - manoeuvre.start)
+        drive = cls(_signals(manoeuvre, vehicle), vehicle, manoeuvre.stop - manoeuvre.start)
+        if drive.length < SETTLED:
+            raise InputError(f"{measurement}: the drive is {drive.length:g} s long: at least {SETTLED:g} s are needed")
+        for gear in _gears(drive.signals["gear"], drive.length):
+            for estimator in ESTIMATORS.values():
+                estimator.defaults_from(vehicle, gear)
+        return drive
 
 
 def road_log(findings: Findings, out: Path, drive: RoadLog | None, seconds: float | None = None) -> None:
@@ -136,10 +145,10 @@ def _run(signals: dict[str, Table], gears: list[int], vehicle: Vehicle, stop: fl
 
 
 def _engaged(result: Result, gear: int) -> np.ndarray:
-    """Whether a gear is engaged and was for 0.5 s; what an estimator says before is of another gear."""
+    """Whether a gear is engaged and was for a while; what an estimator says before is of another gear."""
     engaged = result["gear"] == gear
-    frames = round(0.5 / PERIOD)
-    return engaged & np.array([engaged[max(0, i - frames):i].all() for i in range(engaged.size)])
+    frames = round(SETTLED / PERIOD)
+    return np.array([i >= frames and engaged[i - frames:i + 1].all() for i in range(engaged.size)])
 
 
 def _rows(findings: Findings, result: Result, gears: list[int], vehicle: Vehicle) -> None:
@@ -152,7 +161,7 @@ def _rows(findings: Findings, result: Result, gears: list[int], vehicle: Vehicle
     for gear in gears:
         there = _engaged(result, gear)
         if not there.any():
-            findings.add(f"road log: time in gear {gear}", "s", None, 0.0, "never for 0.5 s on end")
+            findings.add(f"road log: time in gear {gear}", "s", None, 0.0, f"never for {SETTLED:g} s on end")
             continue
         reversals = np.sum((torque[:-1] < 0.0) & (torque[1:] >= 0.0) & there[1:])
         locked = "whether the converter is locked is not known without a turbine speed"

@@ -32,6 +32,33 @@ def test_there_and_back_to_the_bit(result, tmp_path, ending):
     assert back.complete
 
 
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
+@pytest.mark.parametrize("units", [{"b": "m", "a": "s"}, {"a": "s"}, {"a": "s", "b": "m", "gone": "N"}])
+def test_signals_come_back_under_their_own_names_whatever_units_are_told(tmp_path, ending, units):
+    result = Result(np.zeros(2), {"a": np.full(2, 1.0), "b": np.full(2, 2.0)}, units)
+    getattr(result, f"to_{ending}")(tmp_path / f"r.{ending}")
+    back = Result.read(tmp_path / f"r.{ending}")
+    assert back.names == ["a", "b"] and back["a"][0] == 1.0 and back["b"][0] == 2.0
+    assert back.units == {"a": "s", "b": units.get("b", "")}
+
+
+def test_a_table_without_a_column_that_its_metadata_name_is_refused(tmp_path):
+    Result(np.zeros(2), {"a": np.ones(2), "b": np.ones(2), "c": np.ones(2)}, {}).to_csv(tmp_path / "r.csv")
+    rows = [line.split(",") for line in (tmp_path / "r.csv").read_text().splitlines()]
+    (tmp_path / "r.csv").write_text("\n".join(",".join(row[:2] + row[3:]) for row in rows) + "\n")
+    with pytest.raises(InputError, match=r"does not have the columns that its metadata name: b \[\]$"):
+        Result.read(tmp_path / "r.csv")
+    (tmp_path / "r.json").write_text("{}")
+    with pytest.raises(InputError, match="is not a result of this package: 'units'"):
+        Result.read(tmp_path / "r.csv")
+
+
+def test_a_table_does_not_go_where_its_metadata_go(result, tmp_path):
+    with pytest.raises(InputError, match="the table needs another"):
+        result.to_csv(tmp_path / "r.json")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_the_csv_header_carries_the_units(result, tmp_path):
     result.to_csv(tmp_path / "r.csv")
     header = (tmp_path / "r.csv").read_text().splitlines()[0]
