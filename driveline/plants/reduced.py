@@ -37,6 +37,24 @@ class Vehicle:
 
 
 @dataclass(frozen=True)
+class RoadVehicle(Vehicle):
+    """And what of its mass does not weigh on a slope."""
+
+    rolling_mass: float = quantity("kg", "of the mass, what its front wheels are for turning; it does not weigh",
+                                   minimum=0.0)
+
+    def __post_init__(self) -> None:
+        if self.rolling_mass >= self.mass:
+            raise InputError(f"vehicle.rolling_mass is {self.rolling_mass:g} kg: less than vehicle.mass, "
+                             f"{self.mass:g} kg, is needed")
+
+    @property
+    def weight(self) -> float:
+        """On the level [N]."""
+        return (self.mass - self.rolling_mass) * GRAVITY
+
+
+@dataclass(frozen=True)
 class Gear:
     """Ratios of the fixed gear, and its losses, taken off the engine torque at the input."""
 
@@ -83,7 +101,7 @@ class TwoMassParameters:
     wheel_inertia: float = quantity("kg.m2", "differential to tyres, at the wheels (J_2)", minimum=1e-4)
     shaft: LashShaft
     gear: Gear
-    vehicle: Vehicle
+    vehicle: RoadVehicle
     start: ReducedStart = field(default_factory=ReducedStart)
     solver: Solver = field(default_factory=Solver)
 
@@ -106,6 +124,7 @@ class ThreeMassDriveline:
 class ThreeMassParameters(ThreeMassDriveline):
     """3DOF plant with lumped lash."""
 
+    vehicle: RoadVehicle
     start: ReducedStart = field(default_factory=ReducedStart)
     solver: Solver = field(default_factory=Solver)
 
@@ -123,7 +142,7 @@ class SplitLashParameters:
     shaft: LashShaft
     wheel_shaft: WheelShaft
     gear: Gear
-    vehicle: Vehicle
+    vehicle: RoadVehicle
     start: ReducedStart = field(default_factory=ReducedStart)
     solver: Solver = field(default_factory=Solver)
 
@@ -242,11 +261,15 @@ def at_shuffle(p: FullOrderParameters, gear: int, speed: float, torque: float) -
     return parts
 
 
+def _front_wheels(p: FullOrderParameters) -> float:
+    """What the vehicle's inertia is larger by, as they turn [kg]."""
+    return 2.0 * (p.hub.inertia + p.tyre.belt_inertia) / p.tyre.radius**2
+
+
 def _vehicle(p: FullOrderParameters) -> Vehicle:
     """What the road sees; the front wheels roll along, and dry drag of the axle is one more resistance."""
-    front = 2.0 * (p.hub.inertia + p.tyre.belt_inertia) / p.tyre.radius**2
     return Vehicle(
-        mass=p.vehicle.mass + front, tyre_radius=p.tyre.radius,
+        mass=p.vehicle.mass + _front_wheels(p), tyre_radius=p.tyre.radius,
         aerodynamic_factor=0.5 * p.vehicle.air_density * p.vehicle.drag_coefficient * p.vehicle.frontal_area,
         rolling_resistance_force=(p.tyre.rolling_resistance * p.vehicle.mass * GRAVITY
                                   + p.coulomb_drag.torque / p.tyre.radius))
@@ -279,7 +302,8 @@ def reduce(p: FullOrderParameters, gear: int = 5, speed: float = 12.0, torque: f
     """
     parts = at_shuffle(p, gear, speed, torque)
     s, i, i_fd = parts.s, parts.ratio, p.final_drive.ratio
-    loss, vehicle, half_gap = p.transmission, _vehicle(p), _half_gap(p, i)
+    loss, half_gap = p.transmission, _half_gap(p, i)
+    vehicle = RoadVehicle(**vars(_vehicle(p)), rolling_mass=_front_wheels(p))
     ratios = Gear(
         transmission_ratio=i, final_drive_ratio=i_fd,
         loss_constant=loss.loss_constant[gear + 1] + p.final_drive.loss_constant / abs(i),
@@ -383,13 +407,13 @@ class ReducedPlant(Plant):
         reduced = getattr(reduce(vehicle.parameters(FullOrderParameters), gear), cls.kind)
         return {v.name: v.start for v in parameter_variables(reduced)}
 
-    def _road(self, net: Assembly, wheel: int, vehicle: Vehicle) -> None:
+    def _road(self, net: Assembly, wheel: int, vehicle: RoadVehicle) -> None:
         """Drag, rolling resistance, brake and grade on the wheel node (eq. 2.22)."""
         radius = vehicle.tyre_radius
         net.aerodynamic("aerodynamic_drag", wheel, vehicle.aerodynamic_factor, ratio=radius)
         net.friction("brake_and_rolling_resistance", wheel, GROUND, 1.0, signal=net.signal("brake_torque"),
                      base=vehicle.rolling_resistance_force * radius)
-        net.source("grade", wheel, -vehicle.mass * GRAVITY, k.SIN_GRADE, ratio=radius)
+        net.source("grade", wheel, -vehicle.weight, k.SIN_GRADE, ratio=radius)
 
     def _outputs_of(self, net: Assembly, engine: int, wheel: int, shaft: int, lashes: list[int],
                     radius: float) -> None:

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from driveline import vehicles
-from driveline.elements.road_load import GRAVITY
 from driveline.estimators.state_space import (
     BACKLASH,
     CONTACT,
@@ -86,7 +85,7 @@ def test_inputs_act_as_in_the_plant(plant, parameters):
 
     rows = [model.states.index("engine_speed"), model.states.index("wheel_speed")]
     np.testing.assert_allclose(rates(101.0, 0.0) - rates(100.0, 0.0), model.B[rows, 0], atol=1e-9)
-    uphill = np.arcsin(100.0 / (parameters.vehicle.mass * GRAVITY))  # 100 N against the motion
+    uphill = np.arcsin(100.0 / plant.parameters.vehicle.weight)  # 100 N against the motion
     per_newton = (rates(100.0, uphill) - rates(100.0, 0.0)) / 100.0
     np.testing.assert_allclose(per_newton, model.B[rows, 1], atol=1e-9)
     assert model.B[rows[1], 1] < 0.0  # the printed sign is the other

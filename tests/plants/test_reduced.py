@@ -9,7 +9,6 @@ from runs import REDUCED, ledger, plant, run, start_values, steps, turnover
 from scipy.integrate import solve_ivp
 
 from driveline import vehicles
-from driveline.elements.road_load import GRAVITY
 from driveline.models import MODELS
 from driveline.plants.full_order import FullOrderParameters
 from driveline.plants.linear import shuffle_mode
@@ -246,14 +245,16 @@ def test_all_reduced_models_have_the_inertia_lash_and_static_stiffness_of_the_fu
 
 
 @pytest.mark.parametrize("gear", [-1, 1, 3, 5, 10])
-@pytest.mark.parametrize("torque", [-30.0, 100.0])
-def test_reduced_and_full_order_plants_accelerate_alike(gear, torque):
-    """Same losses, loads and inertias where they act; without accessories, which are no driveline's."""
+@pytest.mark.parametrize(("torque", "grade"), [(-30.0, 0.0), (100.0, 0.0), (100.0, 0.1), (30.0, -0.1)])
+def test_reduced_and_full_order_plants_accelerate_alike(gear, torque, grade):
+    """Same losses, loads and inertias where they act, and the same weight; without accessories, which are no
+    driveline's."""
     start = {"start.vehicle_speed": np.sign(gear) * {1: 4.0, -1: 4.0}.get(gear, 14.0)}
-    full = plant("plant_fom", {**start, "engine.accessory_torque": 0.0}, gear=gear, engine_torque=torque)
+    full = plant("plant_fom", {**start, "engine.accessory_torque": 0.0}, gear=gear, engine_torque=torque,
+                 road_grade=grade)
     scale = abs(full["axle_shaft_torque"]) / full["tyre.radius"] / full["vehicle.mass"] + 0.05
     for name in REDUCED:
-        reduced = plant(name, start, gear=gear, engine_torque=torque)
+        reduced = plant(name, start, gear=gear, engine_torque=torque, road_grade=grade)
         assert abs(reduced["vehicle_acceleration"] - full["vehicle_acceleration"]) < 0.01 * scale, name
 
 
@@ -261,14 +262,18 @@ def test_reduced_and_full_order_plants_accelerate_alike(gear, torque):
 @pytest.mark.parametrize("grade", [0.25, -0.4])
 def test_a_brake_holds_what_the_rolling_resistance_leaves_of_the_grade(name, grade):
     p = plant(name).parameters.vehicle
-    weight = p.mass * GRAVITY
-    needed = p.tyre_radius * (weight * abs(np.sin(grade)) - p.rolling_resistance_force * np.cos(grade))
+    needed = p.tyre_radius * (p.weight * abs(np.sin(grade)) - p.rolling_resistance_force * np.cos(grade))
     for share, moves in ((1.0005, False), (0.9995, True)):
         model = plant(name, brake_torque=needed, road_grade=grade)
         run(model, 2.0, brake_torque=1.1 * needed)
         record = run(model, 1.0, start=2.0, brake_torque=share * needed)
         assert (abs(record["vehicle_speed"][-1]) > 1e-4) == moves
         assert not moves or record["vehicle_speed"][-1] * grade < 0.0
+
+
+def test_what_only_turns_is_less_than_the_mass():
+    with pytest.raises(InputError, match="vehicle.rolling_mass is 3000 kg: less than vehicle.mass"):
+        plant("plant_rom_3dof", {"vehicle.rolling_mass": 3000.0})
 
 
 @pytest.mark.parametrize("gear", [0, 11, -2])
@@ -310,7 +315,7 @@ def test_a_torque_accelerates_the_whole_reflected_inertia(name):
     i, f, r = p.gear.transmission_ratio, p.gear.final_drive_ratio, p.vehicle.tyre_radius
     felt = (p.engine_inertia * (i * f) ** 2 + getattr(p, "output_inertia", 0.0) * f**2
             + getattr(p, "final_drive_inertia", 0.0) + p.wheel_inertia) / r**2 + p.vehicle.mass
-    force = 80.0 * i * f / r - p.vehicle.mass * GRAVITY * np.sin(0.02)
+    force = 80.0 * i * f / r - p.vehicle.weight * np.sin(0.02)
     assert model["vehicle_acceleration"] == pytest.approx(force / felt, rel=1e-9)
 
 
