@@ -39,8 +39,9 @@ class SlaveError(Exception):
 class ModelSlave(Fmi2Slave):
     """Holds one model and passes the FMI calls on to it.
 
-    A subclass names the models it can hold; which one, and its start values, stand in the FMU's
-    ``resources/model.json``: ``{"model": "plant_fom", "start_values": {"vehicle.mass": 2500.0}}``.
+    A subclass names the models it can hold, all of ``driveline.models``: FMUs of one build share the modules of the
+    first that was loaded, whose folder may be gone when another one is. Which model, and its start values, stand in the
+    FMU's ``resources/model.json``: ``{"model": "plant_fom", "start_values": {"vehicle.mass": 2500.0}}``.
 
     Attributes:
         models: Model classes by name; each is constructed with a dict of start values.

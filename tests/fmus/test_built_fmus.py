@@ -200,6 +200,21 @@ def test_the_script_builds_the_same_bytes_again(fmus, tmp_path):
         assert again.read_bytes() == path.read_bytes()
 
 
+@pytest.mark.parametrize("order", [sorted(FMUS), sorted(FMUS, reverse=True)], ids=["there", "back"])
+def test_fmus_run_one_after_the_other_in_one_process_in_any_order(fmus, order):
+    """They share their modules, and a host like FMPy deletes the folder of the first when it is done with it."""
+    script = "import sys, fmpy\nfor path in sys.argv[1:]:\n    fmpy.simulate_fmu(path, stop_time=0.01, step_size=1e-3)\n"
+    done = subprocess.run([sys.executable, "-c", script, *(fmus[name] for name in order)],
+                          capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_every_slave_knows_every_model(name):
+    """So that what an FMU loads is all that the others of its build will ask for."""
+    slave = HERE / FMUS[name] / f"{Path(FMUS[name]).name}_slave.py"
+    assert "from driveline.models import MODELS\n" in slave.read_text() and "    models = MODELS\n" in slave.read_text()
+
+
 def test_an_fmu_can_bear_another_name_and_gear(tmp_path, monkeypatch):
     monkeypatch.setattr(native, "libraries", dict)
     path, = packaging.build(tmp_path, ["plant_fom"], gear=3, suffix="_extended")

@@ -1,10 +1,10 @@
 """The triggered Kalman estimator of the backlash size as an FMI 2.0 co-simulation slave."""
 
-from driveline.estimators import ESTIMATORS
+from driveline.models import MODELS
 from fmus.shell import ModelSlave
 
 
 class Tkbse(ModelSlave):
     """Size of the lash, from torque and two speeds during tip-ins."""
 
-    models = ESTIMATORS
+    models = MODELS
