@@ -1,7 +1,7 @@
 """The command ``driveline``.
 
 Standard output carries the result, standard error whatever is said on the way. Exit code 0: done; 2: the
-input or usage is wrong; 1: it failed for another reason; 130: Ctrl-C.
+input or usage is wrong; 1: it failed for another reason; 130: Ctrl-C; 143: terminated, 129: by a terminal that closed.
 """
 
 from __future__ import annotations
@@ -11,8 +11,10 @@ import contextlib
 import json
 import logging
 import os
+import signal
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
@@ -37,6 +39,19 @@ _PARTIAL = ("result_partial.csv", "result_partial.json", "result_partial.parquet
 _SHOWN = ("signals.png", "comparison.json", "comparison.png")  # what is shown of a result
 _DIAGNOSED = ("finding.json", "report.html", "extended.toml", "*_extended.fmu")  # what a diagnosis writes
 _OK, _FAILED, _WRONG_INPUT, _INTERRUPTED = 0, 1, 2, 130
+_ENDING = ("SIGTERM", "SIGHUP")  # of a batch system, a container or a terminal
+
+
+class Ended(KeyboardInterrupt):
+    """A signal asked the process to end.
+
+    Attributes:
+        code: With which it does.
+    """
+
+    def __init__(self, number: int, message: str) -> None:
+        super().__init__(message)
+        self.code = 128 + number
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -50,14 +65,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for own in ("cosim", "driveline"):  # libraries say only what is wrong
         logging.getLogger(own).setLevel(logging.WARNING if options.quiet else logging.INFO)
     try:
-        with _standard_output(options.json) as write:
+        with _cleaned_up(), _standard_output(options.json) as write:
             answer, text = options.command(options)
             write(json.dumps(answer, indent=2, default=str) if options.json else text)
         return _OK
     except InputError as error:
         return _say(error, _WRONG_INPUT)
     except KeyboardInterrupt as error:
-        return _say(str(error) or "interrupted", _INTERRUPTED)
+        return _say(str(error) or "interrupted", getattr(error, "code", _INTERRUPTED))
     except BrokenPipeError:  # whoever reads our output has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return _FAILED
@@ -71,6 +86,30 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _say(message: object, code: int) -> int:
     print(f"driveline: {message}", file=sys.stderr)
     return code
+
+
+@contextlib.contextmanager
+def _cleaned_up() -> Iterator[None]:
+    """Whoever asks this process to end has it end as by Ctrl-C: nothing half-written stays, and no worker."""
+    if threading.current_thread() is not threading.main_thread():  # which alone hears of it
+        yield
+        return
+    own = os.getpid()
+
+    def end(number: int, _: object) -> None:
+        # a worker has this from the process it was forked from, which ends it in order
+        if os.getpid() == own:
+            raise Ended(number, "terminated")
+
+    numbers = [number for name in _ENDING if (number := getattr(signal, name, None)) is not None
+               and signal.getsignal(number) == signal.SIG_DFL]  # not what is ignored, as by nohup
+    for number in numbers:
+        signal.signal(number, end)
+    try:
+        yield
+    finally:
+        for number in numbers:
+            signal.signal(number, signal.SIG_DFL)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -220,7 +259,7 @@ def _run(options: argparse.Namespace) -> tuple[Any, str]:
                 raise
             _save(error.result, out, _PARTIAL)  # beside the whole result of an earlier run, which is not less for it
             where = f"{error}; what was recorded until then is in {out / _PARTIAL[0]}"
-            raise (KeyboardInterrupt if isinstance(error, Interrupted) else SimulationError)(where) from error
+            raise (Ended(error.number, where) if isinstance(error, Interrupted) else SimulationError(where)) from error
         seconds = time.perf_counter() - began
         _save(result, out, _RESULT)
         for old in (*_PARTIAL, *_SHOWN):  # would be taken for something of this run

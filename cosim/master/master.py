@@ -32,16 +32,17 @@ ORDERS = ("jacobi", "gauss-seidel")
 
 
 class Interrupted(KeyboardInterrupt):
-    """Ctrl-C ended a run.
+    """Ctrl-C, or another signal that Python handles, ended a run.
 
     Attributes:
         result: What was recorded until then; ``complete`` is False.
+        number: Of the signal.
     """
 
-    def __init__(self, result: Result) -> None:
+    def __init__(self, result: Result, number: int) -> None:
         reached = result.time[-1] if result.time.size else result.provenance["start"]
         super().__init__(f"interrupted at t = {reached:g} s")
-        self.result = result
+        self.result, self.number = result, number
 
 
 class Master:
@@ -234,7 +235,7 @@ class Master:
 
         try:
             loop.initialize()
-            finished = loop.run(progress)
+            ended_by = loop.run(progress)
         except NotFinite as error:
             failure = SimulationError(f"{names[error.column]} is not finite at t = {error.time:.9g} s")
             failure.result = result(complete=False)
@@ -244,8 +245,8 @@ class Master:
             raise
         finally:
             loop.close()
-        if not finished:
-            raise Interrupted(result(complete=False))
+        if ended_by is not None:
+            raise Interrupted(result(complete=False), ended_by)
         return result(complete=True)
 
     @property

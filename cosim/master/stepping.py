@@ -117,14 +117,14 @@ class Loop:
             sample()
             seat.participant.initialize(start, stop)
 
-    def run(self, progress: Callable[[float], None] | None = None) -> bool:
+    def run(self, progress: Callable[[float], None] | None = None) -> int | None:
         """Step to the end; afterwards ``recording`` holds the rows.
 
         Args:
             progress: Called now and then with the instant reached [s].
 
         Returns:
-            False if Ctrl-C ended the run early.
+            The signal that ended the run early, as Ctrl-C does; None where none did.
 
         Raises:
             SimulationError: A participant failed, or a value is not finite. The rows until then are valid.
@@ -132,7 +132,7 @@ class Loop:
         clock, bus, recording, recorded = self._clock, self._bus, self.recording, self._recorded
         varying = bus[:len(self._signals)]
         rows, plans = recording.rows, {}
-        with _ctrl_c() as interrupted:
+        with _interruptions() as interrupted:
             for times, masks in clock.blocks():
                 masks[times == clock.start] |= _FIRST
                 masks[times == clock.stop] |= _LAST
@@ -140,7 +140,7 @@ class Loop:
                 first = recording.count
                 for now, mask, signal_row in zip(times.tolist(), masks.tolist(), values):
                     if interrupted:
-                        return False
+                        return interrupted[0]
                     plan = plans.get(mask)
                     if plan is None:
                         plan = plans[mask] = self._plan(mask)
@@ -159,7 +159,7 @@ class Loop:
                 self._check_finite(first)
                 if progress is not None:
                     progress(now / PER_SECOND)
-        return True
+        return None
 
     def close(self) -> None:
         """Free all participants, also those of a failed run."""
@@ -245,23 +245,28 @@ class NotFinite(SimulationError):
 
 
 @contextmanager
-def _ctrl_c() -> Iterator[list[int]]:
-    """A list that is no longer empty after Ctrl-C.
+def _interruptions() -> Iterator[list[int]]:
+    """A list of the signals, Ctrl-C's and others that Python handles, that came to end the run.
 
     Left alone, Python would raise KeyboardInterrupt wherever it happens to be, and that may be inside
-    an FMU written in Python, which then fails fatally. A second Ctrl-C does just that.
+    an FMU written in Python, which then fails fatally. A second signal of the kind does just that.
     """
     interrupted: list[int] = []
     if threading.current_thread() is not threading.main_thread():
         yield interrupted
         return
+    ending = (getattr(signal, name, None) for name in ("SIGINT", "SIGTERM", "SIGHUP"))
+    before = {number: handler for number in ending if number is not None
+              if callable(handler := signal.getsignal(number))}
 
     def note(number: int, _frame: object) -> None:
         interrupted.append(number)
-        signal.signal(signal.SIGINT, previous)
+        signal.signal(number, before[number])
 
-    previous = signal.signal(signal.SIGINT, note)
+    for number in before:
+        signal.signal(number, note)
     try:
         yield interrupted
     finally:
-        signal.signal(signal.SIGINT, previous)
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,5 +1,6 @@
 """The command: exit codes, what stands where, and nothing half-written."""
 
+import contextlib
 import json
 import logging
 import os
@@ -14,6 +15,7 @@ from types import SimpleNamespace
 import pytest
 
 from cosim import cli
+from cosim.diagnosis.hidden import hide
 from cosim.master import Result
 from driveline.quantities import InputError
 
@@ -154,24 +156,60 @@ def test_the_truth_lies_beside_the_folder_however_it_is_written(tmp_path, monkey
     assert [path.resolve() for path in asked] == [Path(truth.format(tmp_path.name)).resolve()]
 
 
-@pytest.mark.skipif(os.name != "posix", reason="sends SIGINT")
-def test_ctrl_c_is_130_and_leaves_a_readable_partial_result(folder):
+@pytest.mark.skipif(os.name != "posix", reason="sends signals")
+@pytest.mark.parametrize(("number", "code"), [("SIGINT", 130), ("SIGTERM", 143), ("SIGHUP", 129)])
+def test_ctrl_c_and_whatever_else_ends_a_run_leaves_a_readable_partial_result(folder, number, code):
     process = subprocess.Popen(
-        [sys.executable, "-m", "cosim.cli", "run", "long.toml", "--out", "part", "--json"],
+        [sys.executable, "-m", "cosim.cli", "run", "long.toml", "--out", f"part_{code}", "--json"],
         cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     line = process.stderr.readline()  # the notices come when everything is put together
     assert "not connected" in line
     time.sleep(1.0)
-    process.send_signal(signal.SIGINT)
+    process.send_signal(getattr(signal, number))
     out, err = process.communicate(timeout=60)
-    assert process.returncode == 130, err
+    assert process.returncode == code, err
     assert out == ""
     assert "interrupted at t = " in err
     assert "Traceback" not in err
-    partial = Result.read(folder / "part" / "result_partial.parquet")
+    partial = Result.read(folder / f"part_{code}" / "result_partial.parquet")
     assert not partial.complete
     assert partial.time.size > 100
-    assert not list((folder / "part").glob("result.*"))
+    assert not list((folder / f"part_{code}").glob("result.*"))
+
+
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="asks /proc for processes")
+@pytest.mark.parametrize("number", ["SIGTERM", "SIGHUP"])
+def test_a_diagnosis_that_is_terminated_leaves_nothing_and_nobody(tmp_path, number):
+    """Neither a folder with half of it nor workers, as `timeout` or a batch system ends it."""
+    hide(["shaft_stiffness=0.75"], 1, tmp_path / "m", manoeuvres=["tip_in:5", "tip_in:5"])
+    process = subprocess.Popen(
+        [sys.executable, "-m", "cosim.cli", "diagnose", "m", "--out", "o", "--workers", "2", "--no-fmu"],
+        cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    workers = _wait(lambda: len(_of_session(process.pid)) > 2 and _of_session(process.pid))
+    process.send_signal(getattr(signal, number))
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 128 + getattr(signal, number) and err.splitlines()[-1] == "driveline: terminated"
+    assert "Traceback" not in err
+    assert len(workers) > 2 and _wait(lambda: not _of_session(process.pid))
+    assert [path.name for path in tmp_path.iterdir()] == ["m"]
+
+
+def _of_session(number):
+    """Processes of a session, but for those that have ended."""
+    found = []
+    for folder in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):
+            state, _, _, session = (folder / "stat").read_text().rpartition(")")[2].split()[:4]
+            found += [folder.name] * (int(session) == number and state != "Z")
+    return found
+
+
+def _wait(asked, seconds=60.0):
+    """What is asked for as soon as it is true."""
+    until = time.monotonic() + seconds
+    while not (answer := asked()) and time.monotonic() < until:
+        time.sleep(0.1)
+    return answer
 
 
 def test_list_tells_what_there_is(capfd):

@@ -203,7 +203,7 @@ def test_the_script_builds_the_same_bytes_again(fmus, tmp_path):
 @pytest.mark.parametrize("order", [sorted(FMUS), sorted(FMUS, reverse=True)], ids=["there", "back"])
 def test_fmus_run_one_after_the_other_in_one_process_in_any_order(fmus, order):
     """They share their modules, and a host like FMPy deletes the folder of the first when it is done with it."""
-    script = "import sys, fmpy\nfor path in sys.argv[1:]:\n    fmpy.simulate_fmu(path, stop_time=0.01, step_size=1e-3)\n"
+    script = "import sys, fmpy\nfor path in sys.argv[1:]: fmpy.simulate_fmu(path, stop_time=0.01, step_size=1e-3)"
     done = subprocess.run([sys.executable, "-c", script, *(fmus[name] for name in order)],
                           capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
