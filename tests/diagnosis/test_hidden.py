@@ -4,6 +4,7 @@ import ast
 import json
 import pathlib
 import re
+from dataclasses import replace
 from importlib import resources
 
 import numpy as np
@@ -402,6 +403,15 @@ def test_sensors_that_the_file_says_are_late_are_late(tmp_path):
     moved, still = (np.interp(late.time[inside] - shift, early.time, early.values) - late.values[inside]
                     for shift in (0.03, 0.0))
     assert np.sqrt(np.mean(moved**2)) < 0.5 * np.sqrt(np.mean(still**2))
+
+
+def test_an_effect_that_the_hidden_plant_does_not_have_is_refused(tmp_path, monkeypatch):
+    """As one is that was added to the plant of the diagnosis only: the truth would be of nothing."""
+    new = replace(effect("coulomb_drag"), name="pinion_drag", change=lambda sizes, values: {"pinion_drag.torque": 30.0})
+    monkeypatch.setitem(CATALOGUE, "pinion_drag", new)
+    with pytest.raises(InputError, match="pinion_drag: the hidden plant knows nothing of pinion_drag.torque"):
+        hide(["pinion_drag=30"], 1, tmp_path / "m", manoeuvres=SHORT)
+    assert not (tmp_path / "m").exists()
 
 
 @pytest.mark.parametrize(("text", "factor"), [("-100 kg", -100.0), ("+100 kg", 100.0)])

@@ -17,7 +17,7 @@ from __future__ import annotations
 import contextlib
 import json
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -27,7 +27,7 @@ import numpy as np
 from cosim import units
 from cosim.diagnosis.catalogue import CATALOGUE, apply_all, effect
 from cosim.diagnosis.effect import SLOPE, Effect, EffectParameter
-from cosim.diagnosis.hidden.model import PRE_ROLL, simulate
+from cosim.diagnosis.hidden.model import PRE_ROLL, packed, simulate
 from cosim.diagnosis.hidden.outside import OUTSIDE, PREFIX
 from cosim.diagnosis.hidden.recordings import Drive, asked, driven, logged, usual, write
 from cosim.files import replacing
@@ -153,6 +153,8 @@ def hide(effects: Sequence[str], seed: int, out: Path, *, vehicle: str = VEHICLE
         values["outside.engine_mount_coupling"] = 1.0
 
     drives = _drives(manoeuvres, nominal, np.random.default_rng([seed, 6]))
+    for name, one in chosen.items():
+        _check_simulated(name, apply_all({name: one}, nominal), nominal, {drive.gear for drive in drives}, structure)
     hidden = Hidden(vehicle, variant, seed, sizes, outside, changed, drifted, structure)
     channels = []
     for number, drive in enumerate(drives):
@@ -173,6 +175,20 @@ def hide(effects: Sequence[str], seed: int, out: Path, *, vehicle: str = VEHICLE
 def usual_variant(vehicle: str) -> str | None:
     """The variant that is nominal where nobody asks for one: of the shipped vehicle that the thesis validated."""
     return VALIDATED if vehicle == VEHICLE else None
+
+
+def _check_simulated(name: str, values: Mapping[str, float], nominal: Mapping[str, float], gears: Collection[int],
+                     structure: str) -> None:
+    """Refuse an effect on the plant that the hidden one does not have: nothing would be hidden.
+
+    Raises:
+        InputError: So it is.
+    """
+    changed = [key for key in _changed(nominal, values) if not key.startswith(("observe.", "input."))]
+    other = structure == "other"
+    if changed and all(packed(values, gear, 0.0, other) == packed(nominal, gear, 0.0, other) for gear in gears):
+        raise InputError(f"{name}: the hidden plant knows nothing of {', '.join(changed)}, so that nothing would be "
+                         "hidden: it has to be simulated in cosim/diagnosis/hidden/model.py first")
 
 
 def _changed(before: Mapping[str, float], after: Mapping[str, float]) -> dict[str, tuple[float, float]]:
