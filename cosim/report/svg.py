@@ -25,7 +25,7 @@ def number(value: float, digits: int = 4) -> str:
     if value == 0.0 or not np.isfinite(value):
         return f"{value:g}"
     if not 1e-4 <= abs(value) < 1e7:
-        return f"{value:.{digits - 1}g}"
+        return f"{value:.{digits}g}"
     whole = int(np.floor(np.log10(abs(value)))) + 1  # digits before the point, as long as it is not rounded
     if whole >= digits:
         return f"{value:.0f}"

@@ -387,12 +387,13 @@ def test_a_picture_shows_where_it_is_wrong(pages, base):
 @pytest.mark.parametrize(("value", "shown"), [
     (10747.5, "10748"), (0.031, "0.031"), (-25.04, "-25.04"), (5.2266, "5.227"), (0.0, "0"), (1.2e-9, "1.2e-09"),
     (1e9, "1e+09"), (1.0, "1"), (12.3456, "12.35"),
-    (9999.6, "10000"), (999.96, "1000")])
+    (9999.6, "10000"), (999.96, "1000"), (1.4321e-6, "1.432e-06"), (-12345678.0, "-1.235e+07")])
 def test_numbers_are_printed_as_people_write_them(value, shown):
     assert svg.number(value) == shown
 
 
-@pytest.mark.parametrize(("value", "shown"), [(9.5, "9.5"), (9.96, "10"), (0.96, "0.96"), (99.6, "100"), (94.2, "94")])
+@pytest.mark.parametrize(("value", "shown"), [(9.5, "9.5"), (9.96, "10"), (0.96, "0.96"), (99.6, "100"), (94.2, "94"),
+                                             (1.43e-6, "1.4e-06"), (9.96e-5, "0.0001")])
 def test_few_digits_are_as_many_as_were_asked_for(value, shown):
     assert svg.number(value, 2) == shown
 
