@@ -19,6 +19,7 @@ from cosim.measured import load
 from cosim.report import svg
 from cosim.report.diagnosis.page import render
 from cosim.report.diagnosis.text import dotted, shown_unit
+from cosim.report.diagnosis.verdict import moved
 
 VERDICTS = ("cause", "ambiguous", "unknown", "none")
 WIDTHS = (1200, 800, 400)
@@ -396,6 +397,16 @@ def test_numbers_are_printed_as_people_write_them(value, shown):
                                              (1.43e-6, "1.4e-06"), (9.96e-5, "0.0001")])
 def test_few_digits_are_as_many_as_were_asked_for(value, shown):
     assert svg.number(value, 2) == shown
+
+
+@pytest.mark.parametrize(("nominal", "value", "unit", "said"), [
+    (10.0, 12.0, "N.m", "12 N·m instead of 10 (+20.0 %)"), (1.0, 1.08, "1", "+8.0 %"), (0.0, -3.0, "N.m", "-3 N·m"),
+    (-5.0, -8.0, "N.m", "-8 N·m instead of -5"), (-5.0, 3.0, "N.m", "3 N·m instead of -5"),
+    (5.0, -3.0, "N.m", "-3 N·m instead of 5"), (1.0, -0.2, "1", "-0.2 instead of 1"),
+    (5.0, 0.0, "N.m", "0 N·m instead of 5 (-100.0 %)")])
+def test_a_change_is_a_share_only_of_what_is_more_than_nothing_and_stays_so(nominal, value, unit, said):
+    parameter = {"nominal": nominal, "value": value, "low90": value, "high90": value, "unit": unit}
+    assert moved({"parameters": {"size": parameter}}) == f"size {said}"
 
 
 def test_units_are_printed_with_dots_and_squares_alone_and_in_sentences():

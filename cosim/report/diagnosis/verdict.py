@@ -127,6 +127,8 @@ def _change(parameter: Mapping[str, Any]) -> str:
     nominal, value, unit = parameter["nominal"], parameter["value"], parameter["unit"]
     if not nominal:
         return with_unit(value, unit)
+    if nominal < 0.0 or value < 0.0:  # of which a share says nothing
+        return f"{with_unit(value, unit)} instead of {svg.number(nominal)}"
     per_cent = 100.0 * (value / nominal - 1.0)
     if nominal == 1.0 and unit == "1":
         return f"{per_cent:+.1f} %"
