@@ -16,6 +16,8 @@ from cosim.report.thinning import extremes
 _WIDTH, _LEFT, _RIGHT = 560, 58, 8
 _POINTS = 700
 _LETTER = 6.4  # width of a letter, generously, at the font size of 11
+_BOLD = 7.0  # the same, of what is printed bold
+_FIRST, _ROW = 54.0, 16.0  # of lines of words: base line of the first, from one to the next
 
 Window = tuple[float, float]
 
@@ -190,25 +192,37 @@ def dumbbells(rows: Sequence[tuple[str, float, float, float]], title: str) -> st
     return picture(bottom + 22.0, parts, title)
 
 
-def chain(places: Sequence[str], marked: Mapping[str, str], title: str) -> str:
-    """Boxes in a row, one driving the next; those marked stand out, with words below."""
+def chain(places: Sequence[str], marked: Mapping[str, Sequence[str]], title: str) -> str:
+    """Boxes in a row, one driving the next; those marked stand out, with words below, each on a line of its own.
+
+    Where there is no room beside those of the boxes before, they begin further down, at the end of a line.
+    """
     width = _WIDTH * 1.6
     gap = 22.0
     size = (width - gap * (len(places) - 1)) / len(places)
     parts = []
+    ends: list[float] = []  # of every line of words, so far
     for i, name in enumerate(places):
-        x = i * (size + gap)
+        x, middle = i * (size + gap), i * (size + gap) + 0.5 * size
         hit = name in marked
         parts.append(f'<rect x="{x + 1:.1f}" y="2" width="{size - 2:.1f}" height="34" rx="6" '
                      f'class="{"place hit" if hit else "place"}"/>')
-        parts.append(text(x + 0.5 * size, 23.0, name, "middle", "hit" if hit else ""))
+        parts.append(text(middle, 23.0, name, "middle", "hit" if hit else ""))
         if i:
             parts.append(line(x - gap + 1, 19.0, x + 1, 19.0, "link"))
-        if hit:
-            half = 0.5 * _LETTER * len(marked[name])
-            at = float(np.clip(x + 0.5 * size, half, width - half))
-            parts.append(text(at, 54.0, marked[name], "middle", "hit"))
-    return picture(60.0, parts, title, width)
+        if not hit:
+            continue
+        halves = [0.5 * _BOLD * len(words) for words in marked[name]]
+        centres = [float(np.clip(middle, half, width - half)) for half in halves]
+        begin = next(k for k in range(len(ends) + 1) if all(
+            centre - half > end for centre, half, end in zip(centres, halves, ends[k:])))
+        ends += [-_BOLD] * (begin + len(halves) - len(ends))
+        if begin:
+            parts.append(line(middle, 38.0, middle, _FIRST + _ROW * begin - 11.0, "lead"))
+        for k, (words, centre, half) in enumerate(zip(marked[name], centres, halves), begin):
+            ends[k] = centre + half + _BOLD
+            parts.append(text(centre, _FIRST + _ROW * k, words, "middle", "hit"))
+    return picture(_FIRST + _ROW * len(ends) - 10.0, parts, title, width)
 
 
 def _range(values: Sequence[np.ndarray]) -> Window:

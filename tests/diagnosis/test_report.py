@@ -1,6 +1,7 @@
 """The report of a diagnosis: all it has to say is there, and a browser shows it as it is meant."""
 
 import html
+import itertools
 import json
 import re
 import shutil
@@ -14,10 +15,11 @@ from matplotlib.image import imread
 from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.hidden import hide
 from cosim.diagnosis.plants import FullOrderCar, Nuisance
+from cosim.diagnosis.plants.car import PLACES
 from cosim.diagnosis.show.residuals import wrong
 from cosim.measured import load
 from cosim.report import svg
-from cosim.report.diagnosis.page import render
+from cosim.report.diagnosis.page import _PLACES, _SENSORS, render
 from cosim.report.diagnosis.text import dotted, shown_unit
 from cosim.report.diagnosis.verdict import moved
 
@@ -427,35 +429,96 @@ def test_a_thinned_line_keeps_its_peaks(peak):
     assert min(float(point.split(",")[1]) for point in points) == pytest.approx(panel.place(0.0, 1.0)[1], abs=0.1)
 
 
+def labels():
+    """All that may stand below a box of the driveline's sketch, by box: every effect, and what may be missing."""
+    found = {place: [] for place in _PLACES}
+    for effect in CATALOGUE.values():
+        _, _, signal = effect.acts_on.partition(" ")
+        plant = effect.kind == "plant"
+        found[effect.acts_on if plant else _SENSORS[signal]].append(
+            (effect.name if plant else f"{effect.kind}: {signal}").replace("_", " "))
+    for place in {about.balance for about in PLACES.values()} & set(_PLACES):
+        found[place].append("missing torque")
+    return {place: list(dict.fromkeys(names)) for place, names in found.items()}
+
+
+def sketches():
+    """Sketches with every single label, every two, each box full, all full, and many at random."""
+    single = [(place, name) for place, names in labels().items() for name in names]
+    chosen = [*itertools.combinations(single, 1), *itertools.combinations(single, 2), single]
+    chosen += [[s for s in single if s[0] in places] for places in itertools.combinations(_PLACES, 2)]
+    random = np.random.default_rng(4)
+    chosen += [[single[i] for i in random.permutation(len(single))[:3 + k % 9]] for k in range(200)]
+    for pairs in chosen:
+        marked = {}
+        for place, name in pairs:
+            marked.setdefault(place, []).append(name)
+        yield svg.chain(_PLACES, marked, "where it is: " + ", ".join(marked))
+
+
+def test_on_the_sketch_no_label_is_over_another_nor_a_line_through_one():
+    count = 0
+    for sketch in sketches():
+        width, height = map(float, re.search(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', sketch).groups())
+        lines = {}
+        for x, y, name in re.findall(r'<text x="([\d.]+)" y="([\d.]+)"[^>]*>([^<]*)', sketch):
+            half = 0.5 * 6.8 * len(name)  # as wide as bold letters are on average, generously
+            lines.setdefault(float(y), []).append((float(x) - half, float(x) + half, name))
+        for y, spans in lines.items():
+            spans = sorted(spans)
+            assert spans[0][0] >= -0.1 and max(end for _, end, _ in spans) <= width + 0.1 and y < height
+            assert all(begin > end for (_, end, _), (begin, _, _) in itertools.pairwise(spans)), spans
+        for x, bottom in re.findall(r'<line x1="([\d.]+)" y1="38.0" x2="[\d.]+" y2="([\d.]+)"', sketch):
+            assert not any(begin < float(x) < end for y, spans in lines.items() if 40.0 < y < float(bottom)
+                           for begin, end, _ in spans)
+        count += len(lines) > 2
+    assert count > 100  # that need more than one line of labels
+
+
+def in_chromium(folder, name, content, *options):
+    """What a browser makes of a page, and what it complains of."""
+    if CHROMIUM is None:
+        pytest.skip("no Chromium here: the report was not looked at in a browser")
+    (folder / name).write_text(f'<!DOCTYPE html><meta charset="utf-8"><body style="margin:0">{content}')
+    done = subprocess.run(
+        [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--enable-logging=stderr",
+         f"--user-data-dir={folder / 'profile'}", *options, (folder / name).as_uri()],
+        capture_output=True, text=True, timeout=240, check=True)
+    return done.stdout, [line for line in done.stderr.splitlines() if ":CONSOLE" in line]
+
+
+def checked(folder, frames):
+    """What ``CHECK`` finds in frames, and what the browser complains of."""
+    dom, said = in_chromium(folder, "check.html", f'{frames}<pre id="result"></pre><script>{CHECK}</script>',
+                            "--dump-dom", "--window-size=1250,4000")
+    return json.loads(html.unescape(re.search(r'<pre id="result">(.*?)</pre>', dom, re.S).group(1))), said
+
+
+def test_in_a_browser_no_sketch_has_a_label_over_another(pages, tmp_path):
+    style = re.search(r"<style>.*?</style>", pages["none"], re.S).group()
+    cards = "".join(f'<div class="card">{sketch}</div>' for sketch in sketches())
+    page = html.escape(f'<!DOCTYPE html>{style}<p id="verdict"></p>{cards}', quote=True)
+    result, _ = checked(tmp_path, f'<iframe id="all" width="1200" srcdoc="{page}"></iframe>')
+    assert len(result["all"]["pictures"]) > 500 and result["all"]["problems"] == []
+
+
 @pytest.fixture(scope="module")
 def browsed(pages, tmp_path_factory):
     """Every page at every width in one browser: what it finds, and a picture of all."""
-    if CHROMIUM is None:
-        pytest.skip("no Chromium here: the report was not looked at in a browser")
     folder = tmp_path_factory.mktemp("browser")
-
-    def chromium(name, content, *options):
-        (folder / name).write_text(f'<!DOCTYPE html><meta charset="utf-8"><body style="margin:0">{content}')
-        done = subprocess.run(
-            [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--enable-logging=stderr",
-             f"--user-data-dir={folder / 'profile'}", *options, (folder / name).as_uri()],
-            capture_output=True, text=True, timeout=240, check=True)
-        return done.stdout, [line for line in done.stderr.splitlines() if ":CONSOLE" in line]
 
     def frame(verdict, width, style):
         return (f'<iframe id="{verdict} {width}" width="{width}" style="border:0;{style}" '
                 f'srcdoc="{html.escape(pages[verdict], quote=True)}"></iframe>')
 
-    frames = "".join(frame(verdict, width, "display:block") for verdict in VERDICTS for width in WIDTHS)
-    dom, said = chromium("check.html", f'{frames}<pre id="result"></pre><script>{CHECK}</script>', "--dump-dom",
-                         "--window-size=1250,4000")
-    result = json.loads(html.unescape(re.search(r'<pre id="result">(.*?)</pre>', dom, re.S).group(1)))
+    result, said = checked(folder, "".join(
+        frame(verdict, width, "display:block") for verdict in VERDICTS for width in WIDTHS))
     lowest = int(max(top + high for page in result.values() for _, _, top, across, high in page["pictures"]
                      if across > 0.3 * WIDTHS[0])) + 20
     across = len(VERDICTS) * WIDTHS[0]
     frames = "".join(frame(verdict, WIDTHS[0], f"height:{lowest}px") for verdict in VERDICTS)
-    chromium("look.html", f'<div style="display:flex;width:{across}px">{frames}</div>',
-             f"--screenshot={folder / 'look.png'}", f"--window-size={across},{lowest}")
+    in_chromium(folder, "look.html", f'<div style="display:flex;width:{across}px">{frames}</div>',
+                f"--screenshot={folder / 'look.png'}", f"--window-size={across},{lowest}")
     return SimpleNamespace(result=result, said=said, image=imread(folder / "look.png"))
 
 

@@ -172,7 +172,7 @@ def _place(diagnosis: Diagnosis) -> dict[str, Any] | None:
         return None
     drawn = None
     if diagnosis.car.name == "plant_fom" and set(marked) <= set(_PLACES):
-        drawn = Markup(svg.chain(_PLACES, {k: ", ".join(dict.fromkeys(v)) for k, v in marked.items()},
+        drawn = Markup(svg.chain(_PLACES, {k: list(dict.fromkeys(v)) for k, v in marked.items()},
                                  "where it is: " + ", ".join(marked)))
     what = "car" if diagnosis.car.name == "plant_fom" else "bench"
     said = {"sensor": "in a sensor", "input": "in what drives the simulation", "plant": f"in the {what} itself"}
