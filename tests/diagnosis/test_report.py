@@ -21,7 +21,7 @@ from cosim.measured import load
 from cosim.report import svg
 from cosim.report.diagnosis.page import _PLACES, _SENSORS, render
 from cosim.report.diagnosis.text import dotted, shown_unit
-from cosim.report.diagnosis.verdict import moved
+from cosim.report.diagnosis.verdict import headline, moved
 
 VERDICTS = ("cause", "ambiguous", "unknown", "none")
 WIDTHS = (1200, 800, 400)
@@ -409,6 +409,86 @@ def test_few_digits_are_as_many_as_were_asked_for(value, shown):
 def test_a_change_is_a_share_only_of_what_is_more_than_nothing_and_stays_so(nominal, value, unit, said):
     parameter = {"nominal": nominal, "value": value, "low90": value, "high90": value, "unit": unit}
     assert moved({"parameters": {"size": parameter}}) == f"size {said}"
+
+
+def open_to(together, *rivals, causes=()):
+    """A finding of causes that cannot be told from others: what these are, and what they stand in place of."""
+    return {"verdict": "ambiguous", "together": together.split(), "ambiguous_with": [
+        {"effects": effects.split(), "separation_sigma": 1.0} | ({} if gone is None else {"in_place_of": gone.split()})
+        for effects, gone in rivals], "causes": [
+        {"effect": effect, "probability": 0.2, "parameters": {}} for effect in (*together.split(), *causes)]}
+
+
+@pytest.mark.parametrize(("together", "rivals", "said"), [
+    # of a meter's gain of 1.08 beside twice the rolling resistance: both stand in place of the slope, beside the gain
+    ("road_grade torque_meter_gain", [("rolling_resistance", "road_grade"), ("coulomb_drag", "road_grade")],
+     "Torque meter gain; beside it road grade, rolling resistance or coulomb drag: these recordings cannot tell which"),
+    ("vehicle_mass", [("engine_inertia", "vehicle_mass"), ("coulomb_drag mesh_loss", "vehicle_mass")],
+     "Vehicle mass, engine inertia or coulomb drag with mesh loss: these recordings cannot tell which"),
+    ("vehicle_mass shaft_stiffness", [("vehicle_mass", "shaft_stiffness")],
+     "Vehicle mass; whether shaft stiffness too, these recordings cannot tell"),
+    ("vehicle_mass shaft_stiffness", [("vehicle_mass", "shaft_stiffness"), ("tyre_stiffness", "shaft_stiffness")],
+     "Vehicle mass; whether shaft stiffness or tyre stiffness too, these recordings cannot tell"),
+    ("shaft_stiffness", [("tyre_stiffness", "")],
+     "Shaft stiffness; whether tyre stiffness too, these recordings cannot tell"),
+    ("vehicle_mass shaft_stiffness", [("vehicle_mass", "shaft_stiffness"), ("shaft_stiffness", "vehicle_mass")],
+     "Vehicle mass with shaft stiffness, vehicle mass alone or shaft stiffness alone: these recordings cannot tell "
+     "which"),
+    ("vehicle_mass shaft_stiffness", [("tyre_stiffness", "shaft_stiffness"), ("mesh_loss", "vehicle_mass")],
+     "Vehicle mass with shaft stiffness, vehicle mass with tyre stiffness or shaft stiffness with mesh loss: these "
+     "recordings cannot tell which"),
+    ("vehicle_mass shaft_stiffness", [("tyre_stiffness", "vehicle_mass shaft_stiffness")],
+     "Vehicle mass with shaft stiffness or tyre stiffness: these recordings cannot tell which"),
+    ("vehicle_mass road_grade mesh_loss", [("tyre_slip", "mesh_loss")],
+     "Vehicle mass and road grade; beside them mesh loss or tyre slip: these recordings cannot tell which"),
+    # findings that do not say what a rival stands in place of
+    ("vehicle_mass", [("engine_inertia", None)], "Vehicle mass or engine inertia: these recordings cannot tell which"),
+    ("vehicle_mass shaft_stiffness", [("vehicle_mass", None)],
+     "Vehicle mass; whether shaft stiffness too, these recordings cannot tell"),
+    ("vehicle_mass shaft_stiffness", [("tyre_stiffness", None), ("mesh_loss", None)],
+     "Vehicle mass with shaft stiffness or, in place of some of that, tyre stiffness or mesh loss: these recordings "
+     "cannot tell which"),
+    ("vehicle_mass", [], "Vehicle mass or mesh loss: these recordings cannot tell which")])
+def test_of_what_cannot_be_told_apart_what_is_there_for_sure_is_told_apart_from_the_alternatives(
+        together, rivals, said):
+    assert headline(open_to(together, *rivals, causes=["mesh_loss"] * (not rivals))) == said
+
+
+def test_what_a_rival_stands_in_place_of_is_told_beside_it(base):
+    given = diagnosis(base, "ambiguous")
+    given.finding |= {key: value for key, value in open_to(
+        "shaft_stiffness torque_meter_gain", ("rolling_resistance", "shaft_stiffness"),
+        ("torque_meter_gain", "shaft_stiffness"), ("mesh_loss", None)).items() if key != "causes"}
+    said = " ".join(words(render(given)).split())
+    assert "rolling resistance in place of shaft stiffness 1.0 sigma" in said
+    assert "torque meter gain alone 1.0 sigma" in said and "mesh loss 1.0 sigma" in said
+
+
+@pytest.mark.parametrize(("together", "rivals", "said"), [
+    ("shaft_stiffness", [("wheel_speed_delay", "shaft_stiffness")], "in the car itself or in a sensor."),
+    ("road_grade torque_meter_gain", [("rolling_resistance", "road_grade"), ("coulomb_drag", "road_grade")],
+     "in a sensor, and beside that in what drives the simulation or in the car itself."),
+    ("shaft_stiffness", [("vehicle_mass", "shaft_stiffness")], "in the car itself."),
+    ("torque_meter_gain", [("torque_meter_filter", "torque_meter_gain")],
+     "in a sensor; the car itself is as its file says."),
+    ("shaft_stiffness wheel_speed_delay", [("shaft_stiffness", "wheel_speed_delay")],
+     "in the car itself, and perhaps in a sensor too."),
+    ("shaft_stiffness wheel_speed_delay", [("mesh_loss", "wheel_speed_delay")],
+     "in the car itself, and perhaps in a sensor too."),
+    ("vehicle_mass wheel_speed_delay", [("road_grade", "vehicle_mass wheel_speed_delay")],
+     "in the car itself and in a sensor, or in what drives the simulation."),
+    ("shaft_stiffness wheel_speed_delay", [("mesh_loss", None)], "in the car itself, and perhaps in a sensor too.")])
+def test_where_it_is_counts_all_that_it_could_be_as_well(base, together, rivals, said):
+    """However unlikely: what is open is no less where it is."""
+    given = diagnosis(base, "ambiguous")
+    given.finding |= {key: value for key, value in open_to(together, *rivals).items() if key != "causes"}
+    page = render(given)
+    assert f"It is {said}" in " ".join(words(page).split())
+    sketch = re.search(r'aria-label="where it is.*?</svg>', page, re.S).group()
+    for effect in (*together.split(), *(name for effects, _ in rivals for name in effects.split())):
+        known = CATALOGUE[effect]
+        told = effect if known.kind == "plant" else f"{known.kind}: {known.acts_on.split()[1]}"
+        assert told.replace("_", " ") in sketch
 
 
 def test_units_are_printed_with_dots_and_squares_alone_and_in_sentences():

@@ -73,12 +73,19 @@ def not_excluded(rivals: Sequence[tuple[Fit, float]], shares: Mapping[str, float
 
 def told_once(best: Fit, rivals: Sequence[tuple[Fit, float]]) -> list[dict[str, Any]]:
     """What the best supposition cannot be told from, as ``finding.json`` has it: the same other effects once, and of
-    what lacks one of its own all that it has."""
+    what lacks one of its own all that it has.
+
+    ``in_place_of`` is all of the best that any of these suppositions has not: what of it is in none of them is in all
+    that is open.
+    """
     nearest: dict[tuple[str, ...], float] = {}
+    gone: dict[tuple[str, ...], set[str]] = {}
     for fit, distance in rivals:
         others = tuple(sorted(set(fit.effects) - set(best.effects) or fit.effects))
         nearest[others] = min(distance, nearest.get(others, distance))
-    return [{"effects": list(others), "separation_sigma": distance} for others, distance in nearest.items()]
+        gone.setdefault(others, set()).update(set(best.effects) - set(fit.effects))
+    return [{"effects": list(others), "in_place_of": [effect for effect in best.effects if effect in gone[others]],
+             "separation_sigma": distance} for others, distance in nearest.items()]
 
 
 def counted(evidence: float, told: Sequence[float]) -> float:

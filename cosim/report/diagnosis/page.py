@@ -28,7 +28,19 @@ from cosim.diagnosis.judge.finding import (
 from cosim.report import svg
 from cosim.report.diagnosis.pictures import over_time, what_is_missing
 from cosim.report.diagnosis.text import chance, dotted, rounded, shown_unit, with_unit, words
-from cosim.report.diagnosis.verdict import about, headline, moved, named_causes, shown_causes, story, summary, tag, why
+from cosim.report.diagnosis.verdict import (
+    about,
+    headline,
+    instead_of,
+    moved,
+    named_causes,
+    shown_causes,
+    story,
+    summary,
+    suppositions,
+    tag,
+    why,
+)
 
 if TYPE_CHECKING:
     from cosim.diagnosis.diagnose import Diagnosis
@@ -151,39 +163,57 @@ def _parameter(name: str, p: Mapping[str, Any], effect: Effect | None, values: V
 def _place(diagnosis: Diagnosis) -> dict[str, Any] | None:
     """Where it is: sensor, input or plant, on a sketch of the driveline."""
     finding = diagnosis.finding
+    what = "car" if diagnosis.car.name == "plant_fom" else "bench"
+    itself = f"in the {what} itself"
+    open_to = suppositions(finding) if finding["verdict"] == "ambiguous" else None
+    named = [cause["effect"] for cause in named_causes(finding)] if finding["verdict"] != "none" else []
+    if open_to:
+        sure, choices = open_to
+        named = list(dict.fromkeys([*sure, *(effect for choice in choices for effect in choice)]))
     marked: dict[str, list[str]] = {}
-    kinds = []
-    for cause in named_causes(finding) if finding["verdict"] != "none" else ():
-        effect = CATALOGUE.get(cause["effect"])
-        if effect is None:
-            continue
-        kind, _, name = effect.acts_on.partition(" ")
-        if kind in ("sensor", "input"):
-            marked.setdefault(_SENSORS.get(name, name), []).append(f"{kind}: {words(name)}")
-        else:
-            kind = "plant"
-            marked.setdefault(effect.acts_on, []).append(words(cause["effect"]))
-        kinds.append(kind)
+    for name in named:
+        if effect := CATALOGUE.get(name):
+            _, _, signal = effect.acts_on.partition(" ")
+            of_it = effect.kind == "plant"
+            marked.setdefault(effect.acts_on if of_it else _SENSORS.get(signal, signal), []).append(
+                words(name) if of_it else f"{effect.kind}: {words(signal)}")
+    places = _kinds(named, itself)
     if finding["verdict"] == "unknown" and finding.get("unknown"):
         for balance in balances(finding["unknown"]):
             marked.setdefault(balance, []).append(f"missing {missing(finding['unknown'])[0]}")
-        kinds.append("plant")
-    if not kinds:
+        places = list(dict.fromkeys([*places, itself]))
+    if not places:
         return None
     drawn = None
     if diagnosis.car.name == "plant_fom" and set(marked) <= set(_PLACES):
         drawn = Markup(svg.chain(_PLACES, {k: list(dict.fromkeys(v)) for k, v in marked.items()},
                                  "where it is: " + ", ".join(marked)))
-    what = "car" if diagnosis.car.name == "plant_fom" else "bench"
-    said = {"sensor": "in a sensor", "input": "in what drives the simulation", "plant": f"in the {what} itself"}
-    places = [said[kind] for kind in dict.fromkeys(kinds)]
     if len(places) == 1:
-        where = places[0] + ("" if kinds[0] == "plant" else f"; the {what} itself is as its file says")
-    elif finding["verdict"] == "ambiguous":
-        where = either(places)
+        where = places[0] + ("" if places[0] == itself else f"; the {what} itself is as its file says")
+    elif open_to:
+        where = _open_places([_kinds([*sure, *choice], itself) for choice in choices])
     else:
         where = ", ".join(f"partly {place}" for place in places)
     return {"where": where, "places": ", ".join(marked), "svg": drawn}
+
+
+def _kinds(effects: Iterable[str], itself: str) -> list[str]:
+    """Of which kinds effects are, in words, each once."""
+    said = {"sensor": "in a sensor", "input": "in what drives the simulation", "plant": itself}
+    return list(dict.fromkeys(said[CATALOGUE[effect].kind] for effect in effects if effect in CATALOGUE))
+
+
+def _open_places(choices: Sequence[Sequence[str]]) -> str:
+    """Where it is by all of what cannot be told apart, and where by each of it."""
+    sure = [place for place in choices[0] if all(place in choice for choice in choices)]
+    further = list(dict.fromkeys(tuple(place for place in choice if place not in sure) for choice in choices))
+    several = any(len(places) > 1 for places in further)
+    names = [" and ".join(places) for places in further if places]
+    which = ", or ".join(names) if several else either(names)
+    if not sure:
+        return which
+    known = " and ".join(sure)
+    return f"{known}, and perhaps {which} too" if () in further else f"{known}, and beside that {which}"
 
 
 def _rivals(finding: Mapping[str, Any]) -> list[dict[str, str]]:
@@ -191,7 +221,11 @@ def _rivals(finding: Mapping[str, Any]) -> list[dict[str, str]]:
     for rival in finding["ambiguous_with"] if finding["verdict"] != "none" else ():
         sigma = rival["separation_sigma"]
         said = ("cannot be told apart" if sigma < _SAME else "hardly told apart" if sigma < _CLOSE else "told apart")
-        names = " with ".join(map(words, rival["effects"])) + " alone" * lacking(finding, rival["effects"])
+        names, replaced = " with ".join(map(words, rival["effects"])), instead_of(finding, rival)
+        if lacking(finding, rival["effects"]):
+            names += " alone"
+        elif replaced and len(finding["together"]) > 1:
+            names += f" in place of {' and '.join(map(words, replaced))}"
         rows.append({"names": names, "sigma": f"{sigma:.1f}", "said": said})
     return rows
 

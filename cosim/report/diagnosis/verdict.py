@@ -39,15 +39,7 @@ def headline(finding: Mapping[str, Any]) -> str:
     if verdict == "cause" and causes:
         return "; ".join(f"{words(c['effect']).capitalize()}: {moved(c)}" for c in named_causes(finding))
     if verdict == "ambiguous":
-        together = finding["together"]
-        sure = set(together).intersection(*(rival["effects"] for rival in finding["ambiguous_with"]))
-        if sure and all(lacking(finding, rival["effects"]) for rival in finding["ambiguous_with"]):
-            known, perhaps = ([words(e) for e in together if (e in sure) is yes] for yes in (True, False))
-            return f"{' and '.join(known).capitalize()}; whether {either(perhaps)} too, these recordings cannot tell"
-        names = list(dict.fromkeys(
-            [words(c["effect"]) for c in causes]
-            + [" with ".join(map(words, rival["effects"])) for rival in finding["ambiguous_with"]]))
-        return f"{either(names).capitalize()}: these recordings cannot tell which"
+        return _which(finding)
     if verdict == "unknown":
         unknown = finding["unknown"]
         if not unknown:
@@ -62,6 +54,49 @@ def headline(finding: Mapping[str, Any]) -> str:
         return (f"Nothing is significantly wrong, but {either([words(e) for e in as_well(finding)])} is not excluded "
                 f"({100.0 * share:.0f} %)")
     return "Nothing is significantly wrong: what differs, tolerance and noise explain"
+
+
+def _which(finding: Mapping[str, Any]) -> str:
+    """What is there for sure, and what these recordings cannot tell."""
+    sure, choices = suppositions(finding)
+    too, known = [] in choices, " and ".join(map(words, sure)).capitalize()
+    names = [" with ".join(map(words, choice)) + " alone" * (not too and any(set(choice) < set(c) for c in choices))
+             for choice in choices if choice]
+    if any(instead_of(finding, rival) is None for rival in finding["ambiguous_with"]):
+        return (f"{names[0].capitalize()} or, in place of some of that, {either(names[1:])}: "
+                "these recordings cannot tell which")
+    if not known:
+        return f"{either(names).capitalize()}: these recordings cannot tell which"
+    if too:
+        return f"{known}; whether {either(names)} too, these recordings cannot tell"
+    return f"{known}; beside {'it' if len(sure) == 1 else 'them'} {either(names)}: these recordings cannot tell which"
+
+
+def suppositions(finding: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
+    """The effects that are in all that is open, and what each supposition has beside them; that of the best first.
+
+    Where a finding does not say what a rival stands in place of, that is taken for all.
+    """
+    together, rivals = finding["together"], finding["ambiguous_with"]
+    if not rivals:
+        return [], [[cause["effect"]] for cause in likely_causes(finding)]
+    gone = [together if (replaced := instead_of(finding, rival)) is None else replaced for rival in rivals]
+    sure = [effect for effect in together if not any(effect in replaced for replaced in gone)]
+    choices = [[effect for effect in together if effect not in sure]]
+    for rival, replaced in zip(rivals, gone):
+        others = [effect for effect in rival["effects"] if effect not in together]
+        choices.append([effect for effect in choices[0] if effect not in replaced] + others)
+    return sure, [list(choice) for choice in dict.fromkeys(map(tuple, choices))]
+
+
+def instead_of(finding: Mapping[str, Any], rival: Mapping[str, Any]) -> list[str] | None:
+    """What of the causes that explain it together a rival has not; None where a finding of several does not say."""
+    together = finding["together"]
+    if "in_place_of" in rival:
+        return rival["in_place_of"]
+    if lacking(finding, rival["effects"]):
+        return [effect for effect in together if effect not in rival["effects"]]
+    return together if len(together) == 1 else None
 
 
 def about(finding: Mapping[str, Any]) -> list[str]:

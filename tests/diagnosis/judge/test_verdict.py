@@ -52,8 +52,18 @@ def test_what_it_could_be_as_well_is_told_once_at_its_nearest():
         ("backlash_size", "road_grade"), ("backlash_size", "rolling_resistance"), ("rolling_resistance",),
         ("backlash_size", "coulomb_drag")))
     assert told_once(best, list(zip(others, (0.4, 0.2, 1.0)))) == [
-        {"effects": ["rolling_resistance"], "separation_sigma": 0.2},
-        {"effects": ["coulomb_drag"], "separation_sigma": 1.0}]
+        {"effects": ["rolling_resistance"], "in_place_of": ["backlash_size", "road_grade"], "separation_sigma": 0.2},
+        {"effects": ["coulomb_drag"], "in_place_of": ["road_grade"], "separation_sigma": 1.0}]
+
+
+@pytest.mark.parametrize(("rival", "told", "gone"), [
+    (("torque_meter_gain", "rolling_resistance"), ["rolling_resistance"], ["road_grade"]),
+    (("coulomb_drag", "vehicle_mass"), ["coulomb_drag", "vehicle_mass"], ["road_grade", "torque_meter_gain"]),
+    (("torque_meter_gain",), ["torque_meter_gain"], ["road_grade"]),
+    (("torque_meter_gain", "road_grade", "mesh_loss"), ["mesh_loss"], [])])  # in place of a second cause of one effect
+def test_what_it_could_be_as_well_is_told_with_what_it_stands_in_place_of(rival, told, gone):
+    best, other = (SimpleNamespace(effects=effects) for effects in (("road_grade", "torque_meter_gain"), rival))
+    assert told_once(best, [(other, 0.4)]) == [{"effects": told, "in_place_of": gone, "separation_sigma": 0.4}]
 
 
 @pytest.mark.parametrize(("behind", "needed", "rivals"), [(1.0, 1.5, 1), (1.6, 1.5, 0), (1.6, 3.0, 1)])
@@ -65,7 +75,8 @@ def test_a_further_cause_that_may_as_well_not_be_there_is_told_so(behind, needed
     found = SimpleNamespace(best=best, alternatives=[best, lacking, healthy, other], apart=lambda fit: apart[id(fit)],
                             told_without=lambda fit: needed)
     assert rivals_of(found) == [(lacking, behind)][:rivals]
-    assert told_once(best, rivals_of(found)) == [{"effects": ["backlash_size"], "separation_sigma": behind}][:rivals]
+    told = {"effects": ["backlash_size"], "in_place_of": ["shaft_stiffness"], "separation_sigma": behind}
+    assert told_once(best, rivals_of(found)) == [told][:rivals]
 
 
 @pytest.mark.parametrize(("shares", "told"), [
