@@ -491,6 +491,39 @@ def test_where_it_is_counts_all_that_it_could_be_as_well(base, together, rivals,
         assert told.replace("_", " ") in sketch
 
 
+def captions(page):
+    """What stands above the pictures over time, by channel and recording."""
+    listed = [" ".join(words(c).split()) for c in re.findall(r"<figcaption>(.*?)</figcaption>", page, re.S)]
+    return dict(caption.partition(": ")[::2] for caption in listed if " in " in caption)
+
+
+def test_a_channel_is_called_right_only_where_it_was_examined_and_nothing_is_wrong(base, pages):
+    """Not beside a cause, where it may be off by what was not looked at; nor in a recording that was kept back."""
+    right = "no more off than tolerance and noise explain"
+    assert right in pages["none"] and not any(right in pages[verdict] for verdict in VERDICTS[:3])
+    given = diagnosis(base, "cause")
+    given.finding["wrong"] = []  # all samples together show it
+    told = captions(render(given))
+    assert len(told) == 4 and not any(told.values())
+    given = diagnosis(base, "none")
+    given.runs, given.reserved = [], base.runs
+    assert right not in render(given)
+
+
+def test_of_another_speed_the_drift_is_told_that_is_looked_for_in_one(base):
+    given, run = diagnosis(base, "cause"), base.runs[0].name
+    given.traces = {key: trace for key, trace in given.traces.items()
+                    if key[0] == run and key[1] in ("vehicle_speed", "turbine_speed")}
+    drift = {**base.wrong[0].as_json(), "signal": "vehicle_speed", "feature": "drift", "what": "drift 23 % high",
+             "run": run, "runs": [run]}
+    given.finding["wrong"] = [drift]
+    vehicle, turbine = captions(render(given)).values()
+    assert vehicle == "drift 23 % high"
+    assert turbine == "goes with vehicle speed, of which it is said: drift 23 % high"
+    given.finding["wrong"] = [drift | {"runs": ["another"]}]
+    assert list(captions(render(given)).values()) == ["drift 23 % high", ""]
+
+
 def test_units_are_printed_with_dots_and_squares_alone_and_in_sentences():
     assert [shown_unit(unit) for unit in ("N2.m2", "m/s2", "kg.m2", "N.m.s2/rad2", "1")] == [
         "N²·m²", "m/s²", "kg·m²", "N·m·s²/rad²", ""]

@@ -57,21 +57,22 @@ _SAME, _CLOSE = 2.0, 3.0  # sigma: below, causes cannot be told apart, or hardly
 def render(diagnosis: Diagnosis) -> str:
     """The page as HTML; it needs nothing else to be shown."""
     finding = dict.fromkeys(("next_manoeuvre", "unknown", "extension", "gain")) | diagnosis.finding
-    traces = diagnosis.traces
+    traces, names = diagnosis.traces, [run.name for run in diagnosis.runs]
+    right = names if finding["verdict"] == "none" else []
     return _PAGE.render(
         title=f"Diagnosis of {diagnosis.measurement.name}", verdict=finding["verdict"],
         head=tag(finding), headline=headline(finding), about=about(finding),
         vehicle=diagnosis.car.source.name, variant=diagnosis.car.source.variant,
-        recordings=[run.name for run in diagnosis.runs], reserved=[run.name for run in diagnosis.reserved],
+        recordings=names, reserved=[run.name for run in diagnosis.reserved],
         channels=sorted({words(name) for run in diagnosis.runs for name in run.clocks}),
         wrong=[_row(entry) for entry in finding["wrong"][:_LINES]],
         more=max(0, len(finding["wrong"]) - _LINES), story=story(finding["wrong"]),
-        pictures=over_time(finding["wrong"], traces), shares=_shares(finding, getattr(diagnosis, "suspects", [])),
+        pictures=over_time(finding["wrong"], traces, right),
+        shares=_shares(finding, getattr(diagnosis, "suspects", [])),
         causes=[_cause(c, finding, diagnosis.car.values) for c in shown_causes(finding)], doubt=in_doubt(finding),
         why=why(finding), explained=believed(finding), place=_place(diagnosis), rivals=_rivals(finding),
         next=_next(finding["next_manoeuvre"]), unknown=_unknown(finding["unknown"]),
-        disturbances=what_is_missing(finding["unknown"], getattr(diagnosis, "disturbance", {}),
-                                     [run.name for run in diagnosis.runs]),
+        disturbances=what_is_missing(finding["unknown"], getattr(diagnosis, "disturbance", {}), names),
         gain=_gain(finding["gain"]), extension=finding["extension"], notices=diagnosis.notices,
         seconds=diagnosis.seconds, **_detectable(finding.get("would_show", ())))
 

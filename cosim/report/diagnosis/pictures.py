@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -20,11 +20,17 @@ _UNITS = {"speed": "m/s", "shaft torque": "N.m", "engine torque": "N.m", "twist"
           "time": "s", "distance": "m"}
 
 
-def over_time(wrong: Sequence[Mapping[str, Any]],
-              traces: Mapping[tuple[str, str], Sequence[np.ndarray]]) -> list[dict[str, Any]]:
-    """What is wrong first, each where it shows; beside it what is not, the worst of that first.
+def over_time(wrong: Sequence[Mapping[str, Any]], traces: Mapping[tuple[str, str], Sequence[np.ndarray]],
+              right: Collection[str] = ()) -> list[dict[str, Any]]:
+    """What is wrong first, each where it shows; beside it the other channels, the worst first.
 
     What is wrong in so many recordings that ``where`` lists them no more is shown in the one that it is worst in.
+
+    Args:
+        wrong: As the finding has it.
+        traces: Run, channel to clock, measured, before, after.
+        right: Recordings that were examined with nothing found: of other channels nothing is said elsewhere. Not all
+            that they may be off by is looked at one by one, nor is anything of recordings that were kept back.
     """
     worst = sorted(traces, key=lambda key: -_misfit(traces[key]))
     chosen: dict[tuple[str, str], dict[str, Any]] = {}
@@ -38,7 +44,7 @@ def over_time(wrong: Sequence[Mapping[str, Any]],
     count = min(len(chosen) + len(chosen) % 2, _PICTURES) if chosen else _PICTURES
     for key in worst:
         if len(chosen) < count and key[1] not in named | {channel for _, channel in chosen}:
-            chosen[key] = {"what": "no more off than tolerance and noise explain"}
+            chosen[key] = _beside(key, wrong, right)
     found = []
     for (run, channel), entry in list(chosen.items())[:_PICTURES]:
         clock, measured, before, after = traces[(run, channel)]
@@ -50,6 +56,17 @@ def over_time(wrong: Sequence[Mapping[str, Any]],
                       "what": dotted(entry["what"]), "after": "after" in values,
                       "svg": Markup(svg.over_time(clock, values, _window(entry, clock, measured, before), title))})
     return found
+
+
+def _beside(key: tuple[str, str], wrong: Sequence[Mapping[str, Any]], right: Collection[str]) -> dict[str, Any]:
+    """What is said of a channel of which nothing is listed: how a speed drifts is, of one for all of them."""
+    run, channel = key
+    if channel.endswith("speed"):
+        for entry in wrong:
+            if entry.get("feature") == "drift" and run in entry.get("runs", [entry.get("run")]):
+                said = f"goes with {words(entry['signal'])}, of which it is said: {entry['what']}"
+                return {"what": said, "feature": "drift"}
+    return {"what": "no more off than tolerance and noise explain" if run in right else ""}
 
 
 def _misfit(trace: Sequence[np.ndarray]) -> float:
