@@ -349,12 +349,25 @@ def _propose(diagnosis: Diagnosis, search: Search, found: Identification) -> Non
 
 
 def _write_vehicle(diagnosis: Diagnosis, values: dict[str, float], out: Path) -> None:
-    """The extended vehicle file."""
-    car = diagnosis.car
-    why = f"diagnosis of {diagnosis.measurement.name}: " + ", ".join(
-        effect.replace("_", " ") for effect in diagnosis.finding["together"])
-    extend.write_vehicle(car.source, _changes(diagnosis, values), car.units, why, out / extend.EXTENDED)
-    diagnosis.finding["extension"] = {"vehicle": extend.EXTENDED, "fmu": None}
+    """The extended vehicle file, and which causes are in it; none where no value of the vehicle is another one.
+
+    What is wrong with a sensor or with an input is no value of a vehicle.
+    """
+    car, changes = diagnosis.car, _changes(diagnosis, values)
+    if not changes:
+        return
+    inside = [effect for effect in diagnosis.finding["together"] if _is_in(effect, changes)]
+    why = f"diagnosis of {diagnosis.measurement.name}: " + (
+        ", ".join(effect.replace("_", " ") for effect in inside) or "what swings was not found")
+    extend.write_vehicle(car.source, changes, car.units, why, out / extend.EXTENDED)
+    diagnosis.finding["extension"] = {"vehicle": extend.EXTENDED, "fmu": None, "effects": inside}
+
+
+def _is_in(effect: str, changes: Mapping[str, float]) -> bool:
+    """Whether an effect of the catalogue is in values that are other ones than in the vehicle file."""
+    parameters = (*CATALOGUE[effect].parameters, *CATALOGUE[effect].elsewhere)
+    bare = {target.partition("[")[0] for p in parameters for target in p.targets}  # of a table without its places
+    return not bare.isdisjoint(name.partition("[")[0] for name in changes)
 
 
 def _changes(diagnosis: Diagnosis, values: dict[str, float]) -> dict[str, float]:
@@ -364,12 +377,15 @@ def _changes(diagnosis: Diagnosis, values: dict[str, float]) -> dict[str, float]
 
 def _extend(diagnosis: Diagnosis, predictor: Predictor, found: Identification, out: Path | None,
             build: Callable[[Path, Path], Path] | None, say: Callable[[str], None]) -> None:
-    """The extended vehicle and FMU, and the gain on the reserved runs, driven freely."""
+    """The extended vehicle and FMU, and the gain on the reserved runs, driven freely.
+
+    Where no value of the vehicle is another one the gain is that of what its sensors and inputs are known to err by.
+    """
     car, values = diagnosis.car, _values(predictor, found.best, diagnosis.finding["causes"])
     changes, fmu = _changes(diagnosis, values), None
     if out is not None:
         _write_vehicle(diagnosis, values, out)
-        if build is not None:
+        if build is not None and changes:
             say("building the extended FMU")
             fmu = build(out, out / extend.EXTENDED)
             diagnosis.finding["extension"]["fmu"] = fmu.name
@@ -400,4 +416,4 @@ def _extend(diagnosis: Diagnosis, predictor: Predictor, found: Identification, o
             place = run.slices[name]
             diagnosis.traces[(run.name, name)] = (clock, run.measured[name], before[place], after[place])
     diagnosis.finding["gain"] = {**gained(rows), "features": features,
-                                 "estimators": profit(car.source, changes, diagnosis.reserved)}
+                                 "estimators": profit(car.source, changes, diagnosis.reserved) if changes else []}

@@ -7,8 +7,10 @@ import pytest
 
 from cosim.diagnosis import diagnose
 from cosim.diagnosis.diagnose import _reserve
+from cosim.diagnosis.hidden import hide
 from cosim.diagnosis.plants import FullOrderCar, Run
 from cosim.diagnosis.search.identification import Identification
+from cosim.measured import load
 from driveline import vehicles
 from driveline.quantities import InputError
 
@@ -93,14 +95,55 @@ def test_a_missing_torque_is_looked_for_beside_causes_where_these_explain_far_mo
     assert diagnose._missing(None, found, confirmed) == torques[id(best if beside == "best" else healthy)]
 
 
+def found(together, taken_out=()):
+    """A finding of a car, so far."""
+    return SimpleNamespace(car=FullOrderCar("pickup_10r80", "modified"), taken_out=dict(taken_out), reserved=[],
+                           finding={"together": list(together), "extension": None, "wrong": [], "causes": []},
+                           measurement=SimpleNamespace(name="m"), traces={})
+
+
 def test_an_extended_file_names_what_was_written_into_it_and_swings_no_more_than_was_found(tmp_path):
-    """Not what is less likely, which was not written."""
-    car = FullOrderCar("pickup_10r80", "modified")
-    finding = {"causes": [{"effect": name} for name in ("driveline_damping", "vehicle_mass")],
-               "together": ["driveline_damping"]}
-    given = SimpleNamespace(car=car, taken_out={"torque_ripple.amplitude": 30.0}, finding=finding,
-                            measurement=SimpleNamespace(name="m"))
-    diagnose._write_vehicle(given, car.values | {"vehicle.mass": 2000.0}, tmp_path)
+    """Not what is less likely, nor what a sensor errs by, which were not written."""
+    given = found(["vehicle_mass", "mesh_loss", "wheel_speed_delay"], {"torque_ripple.amplitude": 30.0})
+    given.finding["causes"] = [{"effect": name} for name in (*given.finding["together"], "driveline_damping")]
+    diagnose._write_vehicle(given, given.car.values | {
+        "vehicle.mass": 2000.0, "transmission.loss_constant[5]": 9.0, "observe.wheel_speed.delay": 0.01}, tmp_path)
     read = vehicles.load(tmp_path / "extended.toml")
     assert read.values["torque_ripple.amplitude"] == 0.0
-    assert read.sources["vehicle.mass"] == "diagnosis of m: driveline damping"
+    assert read.sources["vehicle.mass"] == "diagnosis of m: vehicle mass, mesh loss"
+    assert given.finding["extension"] == {"vehicle": "extended.toml", "fmu": None,
+                                          "effects": ["vehicle_mass", "mesh_loss"]}
+
+
+def test_without_another_value_of_the_vehicle_there_is_no_extended_file_but_what_swings_is_taken_out(tmp_path):
+    sensed = {"observe.propeller_shaft_torque.gain": 1.08, "input.road_grade.offset": 0.01}
+    given = found(["torque_meter_gain", "road_grade"])
+    diagnose._write_vehicle(given, given.car.values | sensed, tmp_path)
+    assert given.finding["extension"] is None and not list(tmp_path.iterdir())
+    given = found(["torque_meter_gain"], {"torque_ripple.amplitude": 30.0})
+    diagnose._write_vehicle(given, given.car.values | sensed, tmp_path)
+    assert given.finding["extension"]["effects"] == []
+    source = vehicles.load(tmp_path / "extended.toml").sources["torque_ripple.amplitude"]
+    assert source == "diagnosis of m: what swings was not found"
+
+
+def test_where_only_a_sensor_errs_the_gain_is_what_is_known_of_it_and_no_plant_is_built(tmp_path, monkeypatch):
+    hide(["torque_meter_gain=1.1"], 3, tmp_path / "m", structure="same", drift="none", manoeuvres=["tip_in:5"])
+    measurement = load(tmp_path / "m")
+    given = found(["torque_meter_gain"])
+    given.reserved = given.car.runs(measurement)
+    (tmp_path / "out").mkdir()
+
+    def build(out, vehicle):
+        raise AssertionError("no plant is another one")
+
+    monkeypatch.setattr(diagnose, "_values", lambda predictor, fit, told: given.car.values | {
+        "observe.propeller_shaft_torque.gain": 1.1})
+    floors = {name: float(np.std(np.diff(values))) for run in given.reserved for name, values in run.measured.items()}
+    search = SimpleNamespace(best=SimpleNamespace(effects=("torque_meter_gain",)), noise=SimpleNamespace(floors=floors))
+    diagnose._extend(given, None, search, tmp_path / "out", build, str)
+    assert given.finding["extension"] is None and not list((tmp_path / "out").iterdir())
+    gain = {row["signal"]: row["nrmse_after"] / row["nrmse_before"] for row in given.finding["gain"]["held_out"]}
+    assert gain.pop("propeller_shaft_torque") < 0.3
+    assert gain and all(ratio == pytest.approx(1.0) for ratio in gain.values())
+    assert given.finding["gain"]["estimators"] == []

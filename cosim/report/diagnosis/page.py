@@ -30,6 +30,7 @@ from cosim.report.diagnosis.pictures import over_time, what_is_missing
 from cosim.report.diagnosis.text import chance, dotted, rounded, shown_unit, with_unit, words
 from cosim.report.diagnosis.verdict import (
     about,
+    extended,
     headline,
     instead_of,
     moved,
@@ -73,8 +74,8 @@ def render(diagnosis: Diagnosis) -> str:
         why=why(finding), explained=believed(finding), place=_place(diagnosis), rivals=_rivals(finding),
         next=_next(finding["next_manoeuvre"]), unknown=_unknown(finding["unknown"]),
         disturbances=what_is_missing(finding["unknown"], getattr(diagnosis, "disturbance", {}), names),
-        gain=_gain(finding["gain"]), extension=finding["extension"], notices=diagnosis.notices,
-        seconds=diagnosis.seconds, **_detectable(finding.get("would_show", ())))
+        gain=_gain(finding["gain"]), extension=finding["extension"], extended=extended(finding),
+        notices=diagnosis.notices, seconds=diagnosis.seconds, **_detectable(finding.get("would_show", ())))
 
 
 def _unknown(unknown: Mapping[str, Any] | None) -> dict[str, Any] | None:
