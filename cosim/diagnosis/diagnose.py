@@ -6,7 +6,7 @@ import json
 import logging
 import os
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -29,7 +29,15 @@ from cosim.diagnosis.judge.finding import believed, doubts, gained
 from cosim.diagnosis.judge.localise import Disturbance, disturbances, each_its_own, goes_with, tied
 from cosim.diagnosis.judge.road import on_its_road
 from cosim.diagnosis.judge.shafts import bent_shafts
-from cosim.diagnosis.judge.verdict import beside, finding_of, is_strange, left_over, probabilities, rivals_of
+from cosim.diagnosis.judge.verdict import (
+    beside,
+    beside_unknown,
+    finding_of,
+    is_strange,
+    left_over,
+    probabilities,
+    rivals_of,
+)
 from cosim.diagnosis.plants import FullOrderCar, InstrumentedPlant, RigidPlant, Run, plant_for, plausible
 from cosim.diagnosis.plants.car import PLACES
 from cosim.diagnosis.search.identification import APART, Identification
@@ -56,7 +64,7 @@ class Diagnosis:
         further: Stretches of a long drive that judge what was found.
         wrong: What the vehicle file gets wrong, as in the finding.
         traces: For pictures: run, channel to (clock, measured, before, after).
-        suspects: Every effect with its probability.
+        suspects: Every effect with its probability, as that of causes is meant.
         disturbance: The torque that is missing, at some instants, and what it may go with; empty for none.
         taken_out: Values of the vehicle file that the car was diagnosed without (``_without_swings``).
         notices: What limits the diagnosis, in words.
@@ -246,7 +254,7 @@ def _driveline(diagnosis: Diagnosis, car: FullOrderCar, out: Path | None, worker
             say("looking for the manoeuvre that would tell " + (
                 "the causes apart" if found.best.causes else "whether anything is wrong"))
             _propose(diagnosis, search, found)
-    diagnosis.suspects = [{"effect": name, "probability": share} for name, share in shares.items()]
+    diagnosis.suspects = _suspects(shares, diagnosis.finding["verdict"] == "unknown", confirmed)
     say("what a healthy car would have shown")
     floors, points = found.noise.floors, [as_found(predictor, found.best, point) for point in found.best.points]
     roads = [on_its_road(car, car.values, run, floors) for run in runs]
@@ -305,6 +313,14 @@ def _values(predictor: Predictor, fit: Fit, told: Sequence[Mapping[str, Any]]) -
             values[c.parameter.targets[0]] = parameters[c.effect][c.parameter.name]["value"]
             values[c.phase] = predictor.car.values.get(c.phase, 0.0)
     return values
+
+
+def _suspects(shares: Mapping[str, float], unknown: bool, confirmed: Collection[str]) -> list[dict[str, Any]]:
+    """Every effect with its probability, beside something unknown as much lower as that of causes is."""
+    suspects = [{"effect": name, "probability": share} for name, share in shares.items()]
+    if unknown:
+        beside_unknown(suspects, confirmed)
+    return suspects
 
 
 def _missing(predictor: Predictor, found: Identification, confirmed: bool) -> list[Disturbance]:

@@ -8,6 +8,7 @@ import pytest
 from cosim.diagnosis import diagnose
 from cosim.diagnosis.diagnose import _reserve
 from cosim.diagnosis.hidden import hide
+from cosim.diagnosis.judge.verdict import beside_unknown
 from cosim.diagnosis.plants import FullOrderCar, Run
 from cosim.diagnosis.search.identification import Identification
 from cosim.measured import load
@@ -147,3 +148,12 @@ def test_where_only_a_sensor_errs_the_gain_is_what_is_known_of_it_and_no_plant_i
     assert gain.pop("propeller_shaft_torque") < 0.3
     assert gain and all(ratio == pytest.approx(1.0) for ratio in gain.values())
     assert given.finding["gain"]["estimators"] == []
+
+
+def test_beside_something_unknown_suspects_are_as_much_less_probable_as_causes():
+    shares = {"vehicle_mass": 0.3, "tyre_slip": 0.04, "mesh_loss": 0.2}
+    assert [s["probability"] for s in diagnose._suspects(shares, False, ())] == [0.3, 0.04, 0.2]
+    lowered = {s["effect"]: s["probability"] for s in diagnose._suspects(shares, True, {"mesh_loss"})}
+    causes = [{"effect": name, "probability": share} for name, share in shares.items()]
+    beside_unknown(causes, {"mesh_loss"})
+    assert lowered == {c["effect"]: c["probability"] for c in causes} and lowered["tyre_slip"] < 0.01
