@@ -130,6 +130,18 @@ def _layout(kind: type) -> tuple[tuple[dataclasses.Field, type | None, bool], ..
                   typing.get_origin(types[field.name]) is tuple) for field in dataclasses.fields(kind))
 
 
+@functools.cache
+def declared(kind: type) -> Mapping[str, tuple[str, bool]]:
+    """All that a dataclass of quantities declares: structured name to unit, and whether it is a table."""
+    found: dict[str, tuple[str, bool]] = {}
+    for field, nested, table in _layout(kind):
+        if nested is None:
+            found[field.name] = field.metadata["unit"], table
+        else:
+            found |= {f"{field.name}.{name}": of for name, of in declared(nested).items()}
+    return found
+
+
 def from_values(kind: type, values: Mapping[str, float], prefix: str = "") -> Any:
     """An instance of a dataclass of quantities, its scalars taken from ``values`` by structured name.
 

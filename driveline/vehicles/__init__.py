@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from ..elements.planetary import NEUTRAL, Gearbox, PlanetarySet, ShiftElement
-from ..quantities import InputError, Variable, from_values, parameter_variables
+from ..quantities import InputError, Variable, declared, from_values, parameter_variables
 from ..toml import read_toml
 
 BASELINE = "baseline"
@@ -36,6 +36,7 @@ class Vehicle:
         sources, units, places: Of what stands in the file, the same names to where the number comes from, to the unit
             the file used, and to "file, line N", for messages.
         gearbox: The planetary gearbox the ratios came from; None for a plain ratio table.
+        file: Path of the vehicle file, for messages.
     """
 
     name: str
@@ -45,16 +46,32 @@ class Vehicle:
     units: dict[str, str] = field(repr=False)
     places: dict[str, str] = field(repr=False)
     gearbox: Gearbox | None = field(default=None, repr=False)
+    file: str = field(default="", repr=False)
 
     def parameters(self, kind: type) -> Any:
         """The parameters of a plant, as an instance of its dataclass of quantities.
 
         Raises:
-            InputError: A number is missing, or ``check`` finds something.
+            InputError: A name is not known, a number is missing, or ``check`` finds something.
         """
-        parameters = from_values(kind, self.values)
+        known = declared(kind)
+        for name in self.values:  # first: of a name with a slip the right one is missing too
+            bare = _NUMBERED.sub(r"\1", name)
+            if bare not in known:
+                raise InputError(f"{self._place(name)}: {_unknown(name, known)}")
+            if known[bare][1] != (bare != name):
+                raise InputError(f"{self._place(name)}: {bare} is " + (
+                    "a table: write values = [...]" if bare == name else "one number: write value = ..."))
+        try:
+            parameters = from_values(kind, self.values)
+        except InputError as error:
+            raise InputError(f"{self.file or self.name}: {error}") from None
         self.check(parameter_variables(parameters))
         return parameters
+
+    def _place(self, name: str) -> str:
+        """File and line of a number, as far as they are known."""
+        return self.places.get(name, self.file or self.name)
 
     def check(self, variables: Iterable[Variable]) -> None:
         """Compare with the declared parameters of a plant.
@@ -66,12 +83,12 @@ class Vehicle:
             InputError: A name is not declared, a unit has another dimension than the declared one,
                 or a value is out of range; the message names file, line and what would be right.
         """
-        declared = {v.name: v for v in variables if v.causality == "parameter"}
+        known = {v.name: v for v in variables if v.causality == "parameter"}
         for name, value in self.values.items():
-            place = self.places.get(name, self.name)
-            if name not in declared:
-                raise InputError(f"{place}: {_unknown(name, declared)}")
-            variable = declared[name]
+            place = self._place(name)
+            if name not in known:
+                raise InputError(f"{place}: {_unknown(name, known)}")
+            variable = known[name]
             unit = self.units.get(name, variable.unit)
             if not _same_dimension(unit, variable.unit):
                 raise InputError(f"{place}: {name} is given in {unit!r}: "
@@ -117,7 +134,7 @@ def load(name_or_path: str | Path, variant: str | None = None) -> Vehicle:
         sources={name: e.source for name, e in entries.items()},
         units={name: e.unit for name, e in entries.items()},
         places={name: e.place for name, e in entries.items()},
-        gearbox=gearbox)
+        gearbox=gearbox, file=str(file.path))
 
 
 @dataclass(frozen=True)
@@ -229,7 +246,7 @@ class _File:
                                       'for example { add = 300, unit = "kg", source = "..." }')
             targets = [n for n in entries if n == name or _NUMBERED.sub(r"\1", n) == name]
             if not targets:
-                raise self.fail(keys, _unknown(name, entries))
+                raise self.fail(keys, _unknown(name, entries, "not in this file"))
             operation, source = operations.pop(), self.source(keys, given)
             unit = "1" if operation == "times" else self.unit(keys, given)
             number = self.si(keys, given[operation], unit)
@@ -310,17 +327,26 @@ def _lines(text: str) -> Iterator[tuple[tuple[str, ...], int]]:
             yield (*table, entry[1] or entry[2]), number
 
 
-def _unknown(name: str, known: Iterable[str]) -> str:
-    """"There is no x; did you mean y?"""
+def _unknown(name: str, known: Iterable[str], what: str = "not known") -> str:
+    """"x is not known; did you mean y?", or what there is in its section, or which sections."""
     plain = sorted({_NUMBERED.sub(r"\1", n) for n in known})
     bare = _NUMBERED.sub(r"\1", name)
     if bare in plain:
         count = sum(_NUMBERED.sub(r"\1", n) == bare for n in known)
-        return f"{name} is not known: {bare} has {count if count > 1 else 'one value, no'} entries"
-    section = [n for n in plain if n.partition(".")[0] == name.partition(".")[0]]
+        return f"{name} is {what}: {bare} has {count if count > 1 else 'one value, no'} entries"
+    section, _, entry = bare.partition(".")
     sections = sorted({n.partition(".")[0] for n in plain})
-    close = difflib.get_close_matches(bare, plain, n=3) or section or sections
-    return f"{name} is not known; there are {', '.join(close)}"
+    inside = [n for n in plain if n.partition(".")[0] == section]
+    # a slip in an entry's name leaves the section right, one in the section the entry's name
+    if inside:
+        entries = [n.partition(".")[2] for n in inside]
+        close = [f"{section}.{e}" for e in difflib.get_close_matches(entry, entries, n=3)]
+    else:
+        meant = [f"{s}.{entry}" for s in difflib.get_close_matches(section, sections, n=1)]
+        close = [n for n in meant if n in plain] or difflib.get_close_matches(bare, plain, n=3)
+    if close:
+        return f"{name} is {what}; did you mean {' or '.join(close)}?"
+    return f"{name} is {what}; there are {', '.join(inside or sections)}"
 
 
 @cache

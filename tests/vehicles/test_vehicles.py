@@ -1,11 +1,13 @@
 """Vehicle files: units, variants, gear tables, and one clear message for everything that is wrong."""
 
 import math
+import re
 from pathlib import Path
 
 import pytest
 
 from driveline import vehicles
+from driveline.plants.full_order import FullOrderParameters
 from driveline.quantities import InputError, Variable
 from driveline.vehicles import GEARS, load, names, variants
 
@@ -123,7 +125,7 @@ def test_unit_spellings(write, unit, si):
     ("values = [1, 2, 3]", "values = [1, [2], 3]", r"line 9: .*: \[2\] is not a finite number"),
     ("[vehicle]", "mass = 3\n[vehicle]", r"line 1: mass stands alone"),
     ("mass = {", "mass = = {", r"car.toml: this is not TOML: .*line 2"),
-    ('"vehicle.mass"', '"vehicle.mas"', r"line 20: .*vehicle.mas is not known; there are vehicle.mass"),
+    ('"vehicle.mass"', '"vehicle.mas"', r"line 20: .*vehicle.mas is not in this file; did you mean vehicle.mass\?"),
     ("loss_constant[2]", "loss_constant[4]", r"line 22: .*loss_constant has 3 entries"),
     ("add = 500", "plus = 500", r"line 20: .*write one of add, times, set"),
     ('add = 500, unit = "kg"', 'add = 500, unit = "N"', r"line 20: .*'N' is not a unit of its dimension"),
@@ -141,7 +143,7 @@ def test_what_is_wrong_is_named_with_file_line_table_and_entry(write, old, new, 
 
 @pytest.mark.parametrize("old, new, message", [
     ("mass =", "wheelbase =", r"line 2: vehicle.wheelbase is not known; there are vehicle.mass"),
-    ("[vehicle]", "[vehicel]", r"line 2: vehicel.mass is not known; there are vehicle.mass"),
+    ("[vehicle]", "[vehicel]", r"line 2: vehicel.mass is not known; did you mean vehicle.mass\?"),
     ('"t"', '"m"', r"line 2: vehicle.mass is given in 'm': 'kg' or a unit of its dimension"),
     ('"t"', '"kg"', r"line 2: vehicle.mass is 2.5 kg: at least 100"),
     ("[1, 2, 3]", "[1, 2, 3, 4]", r"line 9: transmission.loss_constant\[4\] is not known: .* has 3 entries"),
@@ -154,6 +156,28 @@ def test_check_compares_with_what_the_plant_declares(write, old, new, message):
     vehicle = load(write(GOOD.replace(old, new, 1).split("[variant")[0]))
     with pytest.raises(InputError, match=message):
         vehicle.check(DECLARED)
+
+
+@pytest.mark.parametrize("old, new, message", [
+    (r"\[axle_shaft\]", "[axle_shafts]", ", line 86: axle_shafts.stiffness is not known; did you mean "
+                                         "axle_shaft.stiffness?"),
+    (r"\[hub\]", "[hubb]", ", line 97: hubb.inertia is not known; did you mean hub.inertia?"),
+    (r"(\[axle_shaft\]\n)stiffness", r"\1stifness",
+     ", line 86: axle_shaft.stifness is not known; did you mean axle_shaft.stiffness?"),
+    (r"(\[hub\]\n)", r'\1loss = { value = 1, unit = "1", source = "s" }\n',
+     ", line 97: hub.loss is not known; there are hub.inertia"),
+    (r"(\[hub\]\ninertia = \{) value = 1.0", r"\1 values = [1.0]", ", line 97: hub.inertia is one number: write value"),
+    (r"(loss_constant = \{) values = \[[^]]*\]", r"\1 value = 5",
+     ", line 57: transmission.loss_constant is a table: write values"),
+    (r"\[hub\]\n.*\n", "", ": hub.inertia [kg.m2] is missing: hub, brake disc and rim of one wheel"),
+])
+def test_a_slip_in_a_name_is_named_before_what_it_leaves_missing(write, old, new, message):
+    """Or somebody who wrote [axle_shafts] reads that axle_shaft.stiffness is missing, and nothing else."""
+    text = (Path(vehicles.__file__).parent / "suv_6l80.toml").read_text(encoding="utf-8")
+    assert re.search(old, text)
+    vehicle = load(write(re.sub(old, new, text, count=1)))
+    with pytest.raises(InputError, match=f"car.toml{re.escape(message)}"):
+        vehicle.parameters(FullOrderParameters)
 
 
 @pytest.mark.parametrize("unit, right", [("rad/s", True), ("rpm", True), ("deg/s", True), ("Hz", False),
