@@ -17,7 +17,7 @@ from cosim.master import clock as clocks
 from cosim.master import connections as wires
 from cosim.master import layout as layouts
 from cosim.master.fmu import FmuParticipant
-from cosim.master.parameters import find_fmu, twin_of, vehicle_parameters
+from cosim.master.parameters import find_fmu, twin_of, vehicle_parameters, why_strange
 from cosim.master.participants import ModelParticipant, Participant, SimulationError
 from cosim.master.stepping import Loop, NotFinite
 from cosim.messages import did_you_mean
@@ -111,8 +111,7 @@ class Master:
             model = getattr(participant, "model_name", None) or str(getattr(what, "name", what))
             values.update(vehicle_parameters(model, vehicle, variant, gear))
             if strange := values.keys() - participant.variables.keys():
-                raise InputError(f"{name}: the vehicle file gives {min(strange)}, which the FMU does not "
-                                 "have: it was built from other sources, run `driveline build`")
+                raise InputError(f"{name}: {why_strange(model, min(strange))}")
         period = self._step if step is None else clocks.step_length(step, f"step of {name}")
         self._members[name] = layouts.Member(participant, period, values)
         for parameter, value in (parameters or {}).items():

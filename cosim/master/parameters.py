@@ -6,7 +6,7 @@ from pathlib import Path
 
 from cosim.messages import did_you_mean
 from driveline.model import Model
-from driveline.quantities import InputError
+from driveline.quantities import InputError, declared
 
 
 def model_class(name: str) -> type[Model]:
@@ -31,6 +31,17 @@ def vehicle_parameters(model: str, vehicle: str | Path, variant: str | None, gea
     from driveline import vehicles
 
     return model_class(model).defaults_from(vehicles.load(vehicle, variant), gear=gear)
+
+
+def why_strange(model: str, name: str) -> str:
+    """Why a parameter that ``vehicle_parameters`` gives is not there: of another FMU, or never declared."""
+    kind = model_class(model)
+    bare = name.partition("[")[0]
+    if bare in declared(kind.Parameters) or name in {v.name for v in kind.inputs}:
+        return (f"a vehicle file gives {name}, which this FMU does not have but the model '{model}' has: it was built "
+                "from other sources, run `driveline build`")
+    return (f"defaults_from of the model '{model}' gives {name}, which its Parameters do not declare: it has to be "
+            "declared there, or left out")
 
 
 def twin_of(name: str) -> Model:

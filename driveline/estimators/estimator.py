@@ -8,8 +8,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..kernel_model import KernelModel
-from ..plants.reduced import LashShaft, three_mass_at_hub
-from ..quantities import InputError, Variable, parameter_variables, quantity
+from ..plants.reduced import LashShaft, ThreeMassDriveline, three_mass_at_hub
+from ..quantities import InputError, Variable, declared, parameter_variables, quantity
 
 
 @dataclass(frozen=True)
@@ -110,11 +110,18 @@ class Estimator(KernelModel):
 
     @classmethod
     def defaults_from(cls, vehicle: Any, gear: int = 5) -> dict[str, float]:
-        """The driveline lumped from a vehicle file, for one gear."""
+        """What ``Parameters`` has of the driveline lumped from a vehicle file, for one gear.
+
+        That is all of ``ThreeMassDriveline`` where it is derived from that, and else what bears the same name and
+        unit; of an estimator that stands on no driveline, nothing.
+        """
         from ..plants.full_order import FullOrderParameters
 
+        wanted = {name: unit for name, (unit, _) in declared(cls.Parameters).items()}
+        if not any(wanted.get(name) == unit for name, (unit, _) in declared(ThreeMassDriveline).items()):
+            return {}
         driveline = three_mass_at_hub(vehicle.parameters(FullOrderParameters), gear, flank=cls.flank)
-        return {v.name: v.start for v in parameter_variables(driveline)}
+        return {v.name: v.start for v in parameter_variables(driveline) if wanted.get(v.name) == v.unit}
 
     def constants(self, parameters: Any) -> np.ndarray:
         """The numbers the step's kernel needs, as its documentation lays them out."""

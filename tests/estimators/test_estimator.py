@@ -1,15 +1,20 @@
 """Laws of every estimator: finite on anything, the same bits everywhere, frames at its own times."""
 
+from dataclasses import dataclass, field
+
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from cosim.master import Master
+from cosim.master.participants import ModelParticipant
 from driveline.estimators import ESTIMATORS
+from driveline.estimators.estimator import Estimator, Sampling, estimate
 from driveline.models import MODELS
 from driveline.plants.full_order import FullOrderParameters
 from driveline.plants.reduced import three_mass_at_hub
-from driveline.quantities import InputError, from_values
+from driveline.quantities import InputError, from_values, quantity
 from driveline.vehicles import load
 
 PERIOD = 0.01
@@ -164,6 +169,63 @@ def test_parameters_follow_from_the_vehicle_file_and_the_gear(name, gear):
     assert estimator["gear.transmission_ratio"] == vehicle.values[f"transmission.ratio[{gear + 2}]"]
     estimator.initialize()
     ESTIMATORS[name](ESTIMATORS[name].defaults_from(load("suv_6l80"), min(gear, 6))).initialize()
+
+
+@dataclass(frozen=True)
+class Weights:
+    """Parameters of an estimator that stands on no driveline."""
+
+    weight: float = quantity("1", "weight of a new frame", start=0.1)
+    sampling: Sampling = field(default_factory=Sampling)
+
+
+@dataclass(frozen=True)
+class Inertia(Weights):
+    """And of one that needs one number of it; what else is called as there is not the same quantity."""
+
+    engine_inertia: float = quantity("kg.m2", "engine to pinion, at the engine", start=1.0)
+    wheel_inertia: float = quantity("1", "share of it", start=1.0)
+
+
+class Ratio(Estimator):
+    """As docs/architecture.md says how one is written, but for its kernel."""
+
+    name = "ratio"
+    Parameters = Weights
+    entry_point = "dskse_step"
+    state_size, work_size = 1, 1
+    output_variables = (estimate("ratio", "1", "engine speed over wheel speed"),)
+
+
+@pytest.mark.parametrize(("declares", "expected"), [(Weights, []), (Inertia, ["engine_inertia"])])
+def test_an_estimator_gets_of_the_driveline_what_its_parameters_have(monkeypatch, declares, expected):
+    """Nothing, where it stands on none: it runs in a scenario that names a vehicle all the same, also a bench."""
+    monkeypatch.setattr(Ratio, "Parameters", declares)
+    monkeypatch.setitem(MODELS, "ratio", Ratio)
+    vehicle = load("pickup_10r80", "modified")
+    found = Ratio.defaults_from(vehicle, 5)
+    assert list(found) == expected
+    assert all(value == make("dskse")[name] for name, value in found.items())
+    assert Ratio.defaults_from(load("emps" if not expected else "suv_6l80")).keys() == found.keys()
+    Master().add("guess", "ratio", twin=True, vehicle="pickup_10r80", gear=5)
+
+
+def test_a_default_that_is_not_declared_is_named_with_who_gives_it(monkeypatch):
+    monkeypatch.setattr(Ratio, "defaults_from", classmethod(lambda cls, vehicle, gear=5: {"colour": 1.0}))
+    monkeypatch.setitem(MODELS, "ratio", Ratio)
+    with pytest.raises(InputError, match="guess: defaults_from of the model 'ratio' gives colour, which its Param"):
+        Master().add("guess", "ratio", twin=True, vehicle="pickup_10r80")
+
+
+def test_an_fmu_from_other_sources_is_told_from_a_model_that_is_wrong(monkeypatch):
+    """Of an older FMU without a parameter of today's model."""
+    monkeypatch.setattr(Ratio, "Parameters", Inertia)
+    monkeypatch.setitem(MODELS, "ratio", Ratio)
+    built = ModelParticipant("guess", Ratio({}))
+    del built.variables["engine_inertia"]
+    built.model_name = "ratio"
+    with pytest.raises(InputError, match="gives engine_inertia, which this FMU does not have.*driveline build"):
+        Master().add("guess", built, vehicle="pickup_10r80")
 
 
 def test_a_flywheel_twists_between_the_two_speeds_by_all_of_the_torque():
