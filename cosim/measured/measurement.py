@@ -32,7 +32,7 @@ KINDS = ("tip_in", "tip_out", "ramp", "step", "pulse_train", "coast_down", "crui
 _KEYS = {
     "measurement": ("vehicle", "variant", "manoeuvre", "channels", "note"),
     "manoeuvre": ("file", "kind", "gear", "back", "name", "channels", "note", "start", "stop"),
-    "channel": ("column", "unit", "time", "factor", "delay"),
+    "channel": ("column", "group", "unit", "time", "factor", "delay"),
     "clock": ("column", "unit", "factor"),
 }
 # A jump back by more [s] is not jitter of a logger, nor are so many samples in a row that all are late.
@@ -289,10 +289,13 @@ def _channel(name: str, entry: Mapping[str, Any], clock: Mapping[str, Any], tabl
     if not isinstance(columns, list) or not columns or not all(isinstance(c, str) for c in columns):
         raise InputError(f"{where}: column is {entry.get('column')!r}: a name, or several to take the mean "
                          "of, is needed")
+    group = entry.get("group")
+    if group is not None and (isinstance(group, bool) or not isinstance(group, int)):
+        raise InputError(f"{where}.group is {group!r}: the number of a channel group is needed, the first is 0")
     delay = units.in_unit(entry.get("delay", 0.0), "s", f"{where}.delay")
     clocks, parts, sources = [], [], []
     for label in columns:
-        column = table.column(label)
+        column = table.column(label, group)
         unit = entry.get("unit", column.unit)
         if unit is None:
             if label != name and CANONICAL[name].unit != "1":  # a canonical name stands for its unit too
@@ -301,7 +304,8 @@ def _channel(name: str, entry: Mapping[str, Any], clock: Mapping[str, Any], tabl
             unit = CANONICAL[name].unit
         clocks.append(_times(entry, clock, column, table, where, notices) - delay)
         parts.append(_in_si(column.values, name, str(unit), entry, where))
-        sources.append(f"{label} [{unit}]" + (f", {delay:g} s late" if delay else ""))
+        sources.append(f"{label} [{unit}]" + ("" if group is None else f", group {group}")
+                       + (f", {delay:g} s late" if delay else ""))
         if clocks[0].size != clocks[-1].size or not np.allclose(
                 clocks[0], clocks[-1], rtol=0.0, atol=_SAME_INSTANT, equal_nan=True):
             raise InputError(f"{where}: columns '{columns[0]}' and '{label}' of {table.path.name} are sampled at "
@@ -338,7 +342,8 @@ def _times(entry: Mapping[str, Any], clock: Mapping[str, Any], column: Column, t
     if named not in table.names and "time" not in entry and "column" not in clock:
         raise InputError(f"{where}: no clock: add [channels.time] with column = \"...\" and unit = \"s\""
                          f"; {table.path.name} has {', '.join(table.names)}")
-    read = table.column(named)
+    group = entry.get("group")  # of a channel of an MDF file: its clock, too, if that is in that group
+    read = table.column(named, group if group in table.groups.get(named, ()) else None)
     if read.values.size != column.values.size:
         raise InputError(f"{where}: {column.values.size} values, but its clock '{named}' has "
                          f"{read.values.size}: name its own clock with time = \"...\"")

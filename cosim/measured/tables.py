@@ -6,14 +6,17 @@ A reader knows nothing of drivelines; ``measurement.py`` says what a column mean
 from __future__ import annotations
 
 import codecs
+import contextlib
 import csv
 import gzip
 import io
+import logging
 import re
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -22,6 +25,7 @@ from driveline.quantities import InputError
 
 _HEADER = re.compile(r"\s*(.*?)\s*(?:\[\s*([^\[\]]*?)\s*\])?\s*$", re.DOTALL)
 _SEPARATOR = re.compile(r'"?sep=(.)"?\s*$', re.IGNORECASE | re.DOTALL)  # a tab is one too
+_Contents = np.ndarray | Mapping[str, Any]  # of a variable of a workspace: numbers, or the fields of a struct
 _BLANK = ("", "na", "null", "none", "-")  # in small letters
 
 
@@ -47,14 +51,16 @@ class DataTable:
     Attributes:
         path: The file.
         names: Names of the columns.
+        groups: Of an MDF file: the numbers of the channel groups each name is in.
     """
 
     path: Path
     names: list[str]
-    _read: Callable[[str], Column] = field(repr=False)
+    _read: Callable[[str, int | None], Column] = field(repr=False)
+    groups: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
 
-    def column(self, name: str) -> Column:
-        """One column.
+    def column(self, name: str, group: int | None = None) -> Column:
+        """One column; of an MDF file from one of its channel groups, where the name is in several.
 
         Raises:
             InputError: No such column (those there are get named), several of that name, or it does not hold
@@ -62,7 +68,10 @@ class DataTable:
         """
         if name not in self.names:
             raise InputError(f"{self.path}: there is no column '{name}'{did_you_mean(name, self.names, 20)}")
-        return self._read(name)
+        if group is not None and group not in (there := self.groups.get(name, ())):
+            raise InputError(f"{self.path}: column '{name}' is not in channel group {group}; " + (
+                f"it is in {_listed(there)}" if there else "a file of this kind has no groups: leave group out"))
+        return self._read(name, group)
 
 
 def read_table(path: Path) -> DataTable:
@@ -111,7 +120,7 @@ def _read_csv(path: Path) -> DataTable:
         units[place] = unit or named and named[place]
         places.setdefault(name, []).append(place)
 
-    def read(name: str) -> Column:
+    def read(name: str, _: int | None) -> Column:
         if len(places[name]) > 1:
             raise InputError(f"{path}: {len(places[name])} columns are called '{name}' ("
                              f"{', '.join(header[place].strip() for place in places[name])}): "
@@ -206,34 +215,83 @@ def _read_mdf(path: Path) -> DataTable:
     except ImportError as error:
         raise InputError(f"{path}: MDF files need the package asammdf, pip install "
                          "'driveline-cosim[measured]'") from error
-    try:
-        file = asammdf.MDF(path)
-    except Exception as error:  # asammdf raises many kinds for a damaged file
-        raise InputError(f"{path} is not a readable MDF file: {error}") from error
-
-    def read(name: str) -> Column:
+    with _hushed():
         try:
-            signal = file.get(name, raw=False)
+            file = asammdf.MDF(path)
+        except Exception as error:  # asammdf raises many kinds for a damaged file
+            _give_up(error)
+            raise InputError(f"{path} is not a readable MDF file: {error}") from error
+    if not file.channels_db:
+        raise InputError(f"{path} has no channels")
+    samples = [group.channel_group.cycles_nr for group in file.groups]
+
+    def read(name: str, group: int | None) -> Column:
+        where = [place for place in file.channels_db[name] if group in (None, place[0])]
+        # a logger may declare a channel in groups it never wrote; they leave no doubt
+        where = [place for place in where if samples[place[0]]] or where[:1]
+        if len(where) > 1:
+            there = [f"{number} ({samples[number]} samples)" for number in dict.fromkeys(g for g, _ in where)]
+            out = ("say which by group = N beside its column in measurement.toml" if len(there) > 1 else
+                   "give each its own name")
+            raise InputError(f"{path}: channel '{name}' is there {len(where)} times, in channel group "
+                             f"{_listed(there)}: {out}")
+        try:
+            with _hushed():
+                signal = file.get(name, *where[0], raw=False)
             values = np.asarray(signal.samples, dtype=np.float64)
         except (ValueError, TypeError) as error:
             raise InputError(f"{path}, channel '{name}': its values are not numbers") from error
-        except Exception as error:  # of asammdf's own kind: the name occurs in several groups
-            raise InputError(f"{path}, channel '{name}': {error}") from error
+        except Exception as error:  # of many kinds for a damaged file
+            raise InputError(f"{path}, channel '{name}' cannot be read: {error}") from error
         return Column(values, signal.unit or None, np.asarray(signal.timestamps, dtype=np.float64))
 
-    return DataTable(path, sorted(file.channels_db), read)
+    groups = {name: tuple(dict.fromkeys(group for group, _ in where)) for name, where in file.channels_db.items()}
+    return DataTable(path, sorted(file.channels_db), read, groups)
+
+
+@contextlib.contextmanager
+def _hushed() -> Iterator[None]:
+    """Without asammdf's own log, which repeats in its words, and with a traceback, what is raised as well."""
+    logger = logging.getLogger("asammdf")
+    before, logger.disabled = logger.disabled, True
+    try:
+        yield
+    finally:
+        logger.disabled = before
+
+
+def _give_up(error: Exception) -> None:
+    """Close what asammdf did not manage to open: left to itself it does so when it is deleted, and fails aloud."""
+    trace = error.__traceback__
+    while trace is not None:
+        half = trace.tb_frame.f_locals.get("self")
+        if type(half).__module__.startswith("asammdf.") and "_closed" in vars(half):
+            half._closed = True
+            for name in ("_tempfile", "_file", "_mapped_file"):
+                if vars(half).get(name) is not None:
+                    vars(half)[name].close()
+            if vars(half).get("_delete_on_close"):  # its own copy of a file that was never finished
+                Path(half.name).unlink(missing_ok=True)
+        trace = trace.tb_next
 
 
 def _read_mat(path: Path) -> DataTable:
     import scipy.io
 
     try:
-        return _from_arrays(path, {
-            name: values for name, values in scipy.io.loadmat(path).items() if not name.startswith("__")})
+        arrays = {name: values for name, values in scipy.io.loadmat(path).items() if not name.startswith("__")}
     except NotImplementedError:
         return _read_mat_hdf5(path)
     except Exception as error:  # scipy raises many kinds for a damaged file
         raise InputError(f"{path} is not a readable MAT file: {error}") from error
+    return _from_arrays(path, {name: _opened(values) for name, values in arrays.items()})
+
+
+def _opened(values: np.ndarray) -> _Contents:
+    """A struct of MAT v5 as its fields, all else as it is."""
+    if values.dtype.names and values.size == 1:
+        return {name: values[name].flat[0] for name in values.dtype.names}
+    return values
 
 
 def _read_mat_hdf5(path: Path) -> DataTable:
@@ -242,22 +300,59 @@ def _read_mat_hdf5(path: Path) -> DataTable:
     except ImportError as error:
         raise InputError(f"{path}: MAT files of version 7.3 need the package h5py, pip install "
                          "'driveline-cosim[measured]'") from error
+
+    def vectors(group: h5py.Group) -> dict[str, np.ndarray]:
+        return {name: node[()] for name, node in group.items() if isinstance(node, h5py.Dataset)}
+
     try:
         with h5py.File(path) as file:
-            arrays = {name: node[()] for name, node in file.items() if isinstance(node, h5py.Dataset)}
+            arrays: dict[str, _Contents] = {
+                name: vectors(node) for name, node in file.items()
+                if isinstance(node, h5py.Group) and not name.startswith("#")}  # MATLAB's own store of cells
+            arrays |= vectors(file)
     except OSError as error:
         raise InputError(f"{path} is not a readable MAT file: {error}") from error
     return _from_arrays(path, arrays)
 
 
-def _from_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> DataTable:
-    """The vectors among the variables of a workspace."""
-    vectors = {name: np.ravel(values) for name, values in arrays.items()
-               if np.size(values) == max(np.shape(values), default=0) and np.size(values) > 1
-               and np.issubdtype(np.asarray(values).dtype, np.number)}
+def _from_arrays(path: Path, contents: Mapping[str, _Contents]) -> DataTable:
+    """The vectors among the variables of a workspace, or, where there is none but one struct, among its fields."""
+    structs = {name: of for name, of in contents.items() if isinstance(of, Mapping)}
+    vectors = _vectors(contents)
+    if not vectors and len(structs) == 1:
+        vectors = _vectors(*structs.values())
     if not vectors:
-        raise InputError(f"{path} holds no vectors of numbers")
-    return DataTable(path, list(vectors), lambda name: Column(np.asarray(vectors[name], dtype=np.float64)))
+        there = _listed([f"a struct {name} with {_listed(list(of)) or 'nothing'}" if isinstance(of, Mapping) else
+                         f"{name} ({'x'.join(map(str, of.shape))})" for name, of in contents.items()])
+        raise InputError(f"{path} holds no vectors of numbers{there and f', but {there}'}: variables that are vectors "
+                         "are needed, or one struct whose fields are")
+
+    def read(name: str, _: int | None) -> Column:
+        values = vectors[name]
+        if _is_complex(values):
+            raise InputError(f"{path}: column '{name}' holds complex numbers: real ones are needed")
+        return Column(np.asarray(values, dtype=np.float64))
+
+    return DataTable(path, list(vectors), read)
+
+
+def _vectors(contents: Mapping[str, _Contents]) -> dict[str, np.ndarray]:
+    return {name: np.ravel(values) for name, values in contents.items() if isinstance(values, np.ndarray)
+            and values.size == max(values.shape, default=0) and values.size > 1
+            and (np.issubdtype(values.dtype, np.number) or _is_complex(values))}
+
+
+def _is_complex(values: np.ndarray) -> bool:
+    """Also as MAT v7.3 writes complex numbers, in two fields."""
+    return np.iscomplexobj(values) or values.dtype.names == ("real", "imag")
+
+
+def _listed(names: Sequence[object], most: int = 8) -> str:
+    """"a, b and c", the first of them where there are many."""
+    words = [str(name) for name in names]
+    if len(words) > most:
+        return ", ".join(words[:most]) + ", ..."
+    return " and ".join(filter(None, [", ".join(words[:-1]), *words[-1:]]))
 
 
 READERS: dict[str, Callable[[Path], DataTable]] = {

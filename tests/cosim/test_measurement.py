@@ -1,5 +1,6 @@
 """Measurements: every channel on its own clock in SI, repairs said aloud, faults named."""
 
+import gc
 import gzip
 import logging
 from pathlib import Path
@@ -367,6 +368,116 @@ def test_mat_files(tmp_path, version):
     channel = load(tmp_path / "a.mat").manoeuvres[0]["force"]
     assert channel.values.tolist() == [0.0, 1.0, 4.0, 9.0]
     assert channel.time == pytest.approx([0.0, 0.1, 0.2, 0.3])
+
+
+def save_mat(path, version, contents):
+    """A MAT file of numbers, and of structs of them."""
+    if version == "5":
+        import scipy.io
+        scipy.io.savemat(path, contents)
+        return
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(path, "w", userblock_size=512) as file:
+        file.create_group("#refs#")
+        for name, values in contents.items():
+            for field, of in values.items() if isinstance(values, dict) else [("", values)]:
+                file[f"{name}/{field}".rstrip("/")] = np.atleast_2d(of)
+    with open(path, "r+b") as file:  # the header MATLAB writes before the HDF5 part
+        file.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM")
+
+
+@pytest.mark.parametrize("version", ["5", "7.3"])
+def test_the_only_struct_of_a_mat_file_is_opened(tmp_path, version):
+    log = {"time": np.arange(4) * 0.1, "force": np.arange(4.0)}
+    save_mat(tmp_path / "a.mat", version, {"log": log, "rate": 10.0})
+    channel = load(tmp_path / "a.mat").manoeuvres[0]["force"]
+    assert channel.values.tolist() == [0.0, 1.0, 2.0, 3.0] and channel.time == pytest.approx(log["time"])
+    save_mat(tmp_path / "a.mat", version, {"log": log, "other": {"a": np.arange(3.0)}})
+    with pytest.raises(InputError, match="^[^ ]*a.mat holds no vectors of numbers, but a struct log with "
+                                         "(time and force|force and time) and a struct other with a: variables"):
+        load(tmp_path / "a.mat")
+    save_mat(tmp_path / "a.mat", version, {"map": np.ones((2, 3))})
+    with pytest.raises(InputError, match=r"numbers, but map \(2x3\): variables"):
+        load(tmp_path / "a.mat")
+    save_mat(tmp_path / "a.mat", version, {})
+    with pytest.raises(InputError, match="^[^ ]*a.mat holds no vectors of numbers: variables that are vectors"):
+        load(tmp_path / "a.mat")
+
+
+@pytest.mark.parametrize("version", ["5", "7.3"])
+def test_complex_numbers_are_not_made_real(tmp_path, version):
+    parts = np.arange(4.0) * (1.0 + 2.0j)
+    if version == "7.3":  # as MATLAB writes them
+        parts = np.array(list(zip(parts.real, parts.imag)), dtype=[("real", float), ("imag", float)])
+    save_mat(tmp_path / "a.mat", version, {"time": np.arange(4) * 0.1, "force": np.arange(4.0), "position": parts})
+    with pytest.raises(InputError, match="a.mat: column 'position' holds complex numbers"):
+        load(tmp_path / "a.mat")
+    assert set(load(tmp_path / "a.mat", {"channels": {"force": {}}}).manoeuvres[0].channels) == {"force"}
+
+
+@pytest.fixture
+def twice(tmp_path):
+    """An MDF file with an engine speed in two groups; how many samples each has."""
+    asammdf = pytest.importorskip("asammdf")
+
+    def write(*counts, together=False):
+        with asammdf.MDF(version="4.10") as file:
+            signals = [asammdf.Signal(samples=np.arange(float(count)) + 100.0 * i, timestamps=np.arange(count) * 0.1,
+                                      name="engine_speed", unit="rad/s") for i, count in enumerate(counts)]
+            for group in [signals] if together else [[signal] for signal in signals]:
+                file.append(group)
+            file.save(tmp_path / "a.mf4", overwrite=True)
+        return tmp_path / "a.mf4"
+    return write
+
+
+def test_a_channel_that_is_in_two_groups_of_an_mdf_file_is_told_by_its_group(twice, capfd, caplog):
+    path = twice(5, 3)
+    with pytest.raises(InputError) as caught:
+        load(path)
+    assert str(caught.value) == (
+        f"{path}: channel 'engine_speed' is there 2 times, in channel group 0 (5 samples) and 1 (3 samples): say which "
+        "by group = N beside its column in measurement.toml")
+    assert not caplog.records and capfd.readouterr() == ("", "")
+    for group, values in ((0, np.arange(5.0)), (1, 100.0 + np.arange(3.0))):
+        channel = load(path, {"channels": {"engine_speed": {"group": group}}}).manoeuvres[0]["engine_speed"]
+        assert channel.values.tolist() == values.tolist() and channel.source == f"engine_speed [rad/s], group {group}"
+    for group, words in ((2, "column 'engine_speed' is not in channel group 2; it is in 0 and 1"),
+                         (True, "channels.engine_speed.group is True: the number"), ("0", "group is '0': the number")):
+        with pytest.raises(InputError, match=words):
+            load(path, {"channels": {"engine_speed": {"group": group}}})
+
+
+def test_a_group_without_samples_leaves_no_doubt(twice):
+    assert load(twice(0, 3)).manoeuvres[0]["engine_speed"].values.tolist() == [100.0, 101.0, 102.0]
+    with pytest.raises(InputError, match="column 'engine_speed' holds no values"):
+        load(twice(0, 0))
+    with pytest.raises(InputError, match=r"is there 2 times, in channel group 0 \(3 samples\): give each its own name"):
+        load(twice(3, 3, together=True))
+
+
+def test_other_files_have_no_groups(tmp_path):
+    write(tmp_path, TOML.replace('column = "nEng"', 'column = "nEng"\ngroup = 0'))
+    with pytest.raises(InputError, match="column 'nEng' is not in channel group 0; a file of this kind has no groups"):
+        load(tmp_path)
+
+
+def test_an_mdf_file_that_is_cut_off_is_named_and_nothing_else_is_said(twice, tmp_path, capfd, monkeypatch):
+    """Not by asammdf either, when what it has half read is deleted."""
+    heard = []
+    monkeypatch.setattr("sys.unraisablehook", lambda what: heard.append(what.exc_value))
+    whole = twice(500).read_bytes()
+    for size in (len(whole) // 2, 200, 70):
+        (tmp_path / "b.mf4").write_bytes(whole[:size])
+        with pytest.raises(InputError, match="b.mf4 (is not a readable MDF file|has no channels)"):
+            load(tmp_path / "b.mf4")
+        gc.collect()
+    assert not heard and capfd.readouterr() == ("", "")
+
+
+def test_an_mdf_file_without_channels_is_named(twice):
+    with pytest.raises(InputError, match="a.mf4 has no channels$"):
+        load(twice())
 
 
 def test_mdf_files_have_a_clock_for_each_group(tmp_path):
