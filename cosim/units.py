@@ -121,9 +121,10 @@ def in_unit(value: float | int | str, unit: str, what: str) -> float:
         what: Named in the message of the error.
 
     Raises:
-        InputError: Neither a number nor a quantity of the right kind.
+        InputError: Neither a number nor a quantity of the right kind; a truth value is none, though Python counts
+            with it.
     """
-    if isinstance(value, numbers.Real):  # booleans and numpy's numbers too
+    if isinstance(value, numbers.Real) and not isinstance(value, bool):  # numpy's numbers too
         return float(value)
     match = _QUANTITY.match(value) if isinstance(value, str) else None
     if match is None:

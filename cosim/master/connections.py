@@ -67,7 +67,7 @@ def find_input(name: str, participants: Mapping[str, Participant]) -> Variable:
 
 
 def number(value: float | str, variable: Variable, what: str) -> float:
-    """A value for a variable as a number in its unit; of a boolean also ``true`` and ``false`` as text.
+    """A value for a variable as a number in its unit; of a boolean also ``true`` and ``false``, bare or as text.
 
     Args:
         what: Named in the message of the error.
@@ -75,8 +75,8 @@ def number(value: float | str, variable: Variable, what: str) -> float:
     Raises:
         InputError: Neither a number nor a quantity of the right kind.
     """
-    if variable.kind == "boolean" and isinstance(value, str) and value.lower() in _TRUTH:
-        return _TRUTH[value.lower()]
+    if variable.kind == "boolean" and isinstance(value, bool | str) and str(value).lower() in _TRUTH:
+        return _TRUTH[str(value).lower()]
     return units.in_unit(value, variable.unit, what)
 
 

@@ -61,7 +61,7 @@ def test_a_value_carries_its_unit_or_is_in_the_one_wanted():
 
 @pytest.mark.parametrize(("value", "words"), [("fast", "a number is needed, in m/s"), ("3 kg", "cannot be"),
                                               (None, "a number"), ("3 parsecc", "unknown unit"),
-                                              ([1], "a number")])
+                                              ([1], "a number"), (True, "True: a number")])
 def test_the_message_names_what_is_wrong(value, words):
     with pytest.raises(InputError, match=f"^speed is .*{words}"):
         units.in_unit(value, "m/s", "speed")
