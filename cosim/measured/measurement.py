@@ -199,15 +199,36 @@ def _described(described: Mapping[str, Any], where: str, folder: Path, name: str
     common = _table(described.get("channels", {}), f"{where}: channels")
     read = tuple(_manoeuvre(manoeuvre, common, where, folder) for manoeuvre in _manoeuvres(described, where))
     _refuse_twice(read, where)
-    names = [manoeuvre.name for manoeuvre in read]
-    if len(set(names)) < len(names):
-        read = tuple(replace(manoeuvre, name=f"{manoeuvre.name}_{i}") for i, manoeuvre in enumerate(read, start=1))
+    read = _with_names_of_their_own(read, ["name" in manoeuvre for manoeuvre in _manoeuvres(described, where)], where)
     for manoeuvre in read:
         for notice in manoeuvre.notices:
             log.warning("%s", notice)
     if vehicle and vehicle.endswith(".toml") and (folder / vehicle).is_file():
         vehicle = str(folder / vehicle)
     return Measurement(name, vehicle, variant, read)
+
+
+def _with_names_of_their_own(read: tuple[Manoeuvre, ...], named: Sequence[bool], where: str) -> tuple[Manoeuvre, ...]:
+    """Where a name is there twice those who got it from their file get their place behind it; said aloud.
+
+    Args:
+        named: Of each: whether the name was given to it.
+    """
+    given = [manoeuvre.name for manoeuvre, own in zip(read, named) if own]
+    all_names = [manoeuvre.name for manoeuvre in read]
+    taken, found = set(all_names), []
+    for place, (manoeuvre, own) in enumerate(zip(read, named), start=1):
+        old = manoeuvre.name
+        if all_names.count(old) > 1 and (not own or given.count(old) > 1):
+            name = f"{old}_{place}"
+            while name in taken:
+                name += "_"
+            taken.add(name)
+            manoeuvre = replace(manoeuvre, name=name)
+            log.info("%s: there is more than one manoeuvre '%s': that of %s, number %d, is called '%s'", where, old,
+                     manoeuvre.provenance["file"], place, name)
+        found.append(manoeuvre)
+    return tuple(found)
 
 
 def _refuse_twice(read: Sequence[Manoeuvre], where: str) -> None:
@@ -261,8 +282,7 @@ def _manoeuvre(described: Mapping[str, Any], common: Mapping[str, Any], where: s
                              f"{did_you_mean(name, CANONICAL)}")
         channels[name] = _channel(name, _table(entry, f"{where}: channels.{name}"), clock, table, where, notices)
     begun, _ = _span(channels)
-    span = {key: units.in_unit(described[key], "s", f"{where}: {key}")
-            for key in ("start", "stop") if key in described}
+    span = {key: _seconds(described[key], f"{where}: {key}") for key in ("start", "stop") if key in described}
     if span:
         channels = {name: _within(channel, where, **span) for name, channel in channels.items()}
     digest = hashlib.sha256(table.path.read_bytes()).hexdigest()
@@ -292,7 +312,7 @@ def _channel(name: str, entry: Mapping[str, Any], clock: Mapping[str, Any], tabl
     group = entry.get("group")
     if group is not None and (isinstance(group, bool) or not isinstance(group, int)):
         raise InputError(f"{where}.group is {group!r}: the number of a channel group is needed, the first is 0")
-    delay = units.in_unit(entry.get("delay", 0.0), "s", f"{where}.delay")
+    delay = _seconds(entry.get("delay", 0.0), f"{where}.delay")
     clocks, parts, sources = [], [], []
     for label in columns:
         column = table.column(label, group)
@@ -311,7 +331,12 @@ def _channel(name: str, entry: Mapping[str, Any], clock: Mapping[str, Any], tabl
             raise InputError(f"{where}: columns '{columns[0]}' and '{label}' of {table.path.name} are sampled at "
                              "instants of their own, and nothing is resampled to take a mean: name one of them")
     label = " and ".join(columns)
-    times, values = _in_order(clocks[0], np.mean(parts, axis=0), table, label, notices)
+    mean = np.mean(parts, axis=0)
+    if all(np.isfinite(part).any() for part in parts) and not np.isfinite(mean).any():
+        named = "' and '".join(columns)
+        raise InputError(f"{where}: columns '{named}' of {table.path.name} are never sampled together, and nothing is "
+                         "resampled to take a mean: name one of them")
+    times, values = _in_order(clocks[0], mean, table, label, notices)
     return Channel(name, CANONICAL[name].unit, times, values, " and ".join(sources))
 
 
@@ -324,7 +349,23 @@ def _in_si(values: np.ndarray, name: str, unit: str, entry: Mapping[str, Any], w
         factor, offset = units.conversion(meant, wanted)
     except InputError as error:
         raise InputError(f"{where}: {name} is measured in {wanted}: {error}") from error
-    return factor * (units.in_unit(entry.get("factor", 1.0), "", f"{where}.factor") * values) + offset
+    return factor * (_factor(entry, where) * values) + offset
+
+
+def _factor(entry: Mapping[str, Any], where: str) -> float:
+    """What a column is multiplied by before its unit."""
+    factor = units.in_unit(entry.get("factor", 1.0), "", f"{where}.factor")
+    if factor == 0.0 or not np.isfinite(factor):
+        raise InputError(f"{where}.factor is {factor:g}: a finite number other than 0 is needed")
+    return factor
+
+
+def _seconds(value: Any, what: str) -> float:
+    """A time [s]; text may have another unit of time."""
+    seconds = units.in_unit(value, "s", what)
+    if not np.isfinite(seconds):
+        raise InputError(f"{what} is {seconds:g}: a finite time is needed")
+    return seconds
 
 
 def _times(entry: Mapping[str, Any], clock: Mapping[str, Any], column: Column, table: DataTable,

@@ -76,6 +76,22 @@ def test_parts_of_one_log_have_names_of_their_own_and_all_else_as_it_is(tmp_path
     assert all(isinstance(notice, str) for m in (there, back) for notice in m.notices)
 
 
+def test_who_was_given_a_name_keeps_it_and_who_has_it_of_the_file_gets_another(tmp_path, caplog):
+    """Also where that comes later, and nobody else is called otherwise."""
+    named = '[[manoeuvre]]\nfile = "{}.csv"\nkind = "ramp"\nname = "{}"\n'
+    toml = TOML.replace("[[manoeuvre]]", named.format("a", "log") + named.format("b", "b") + "[[manoeuvre]]")
+    for number, name in enumerate("ab"):
+        (tmp_path / f"{name}.csv").write_text(CSV.replace("1200", str(number)))
+    with caplog.at_level(logging.INFO, "cosim"):
+        read = load(write(tmp_path, toml)).manoeuvres
+    assert [(m.name, m.provenance["file"]) for m in read] == [("log", "a.csv"), ("b", "b.csv"), ("log_3", "log.csv")]
+    assert "more than one manoeuvre 'log': that of log.csv, number 3, is called 'log_3'" in caplog.text
+    read = load(write(tmp_path, toml.replace('"b"', '"log"'))).manoeuvres
+    assert [m.name for m in read] == ["log_1", "log_2", "log_3"]
+    read = load(write(tmp_path, toml.replace('"b"', '"log_3"'))).manoeuvres
+    assert [m.name for m in read] == ["log", "log_3", "log_3_"]
+
+
 @pytest.mark.parametrize("file", ["log.csv", "copy.csv"])
 @pytest.mark.parametrize("stop, shared", [("", "0.04"), ('stop = "12 ms"\n', "0.01")])
 def test_the_same_data_are_no_second_recording(tmp_path, file, stop, shared):
@@ -304,6 +320,18 @@ def test_gzip_is_known_by_either_spelling_and_refused_by_name_where_it_is_damage
     (TOML.replace('unit = "ms"', 'factor = "ms"'), CSV, r"clock 't'.factor is 'ms': a number is needed"),
     (TOML.replace('column = "v"', 'column = "v"\ndelay = "late"'), CSV, r"channels.vehicle_speed.delay is 'late'"),
     (TOML.replace('column = "v"', 'column = "v"\ndelay = "3 m"'), CSV, r"channels.vehicle_speed.delay"),
+    *((TOML.replace("factor = -1", f"factor = {factor}"), CSV, f"channels.engine_torque.factor is {shown}: a .*number")
+      for factor, shown in (("true", "True"), ("nan", "nan"), ("-inf", "-inf"), ("0", "0"), ("0.0", "0"))),
+    *((TOML.replace('unit = "ms"', f'unit = "ms"\nfactor = {factor}'), CSV, f"clock 't'.factor is {shown}: a .*number")
+      for factor, shown in (("true", "True"), ("nan", "nan"), ("0", "0"))),
+    *((TOML.replace('column = "v"', f'column = "v"\ndelay = {value}'), CSV, f"vehicle_speed.delay is {shown}: a")
+      for value, shown in (("true", "True"), ("nan", "nan"), ("inf", "inf"))),
+    *((TOML.replace("gear = 5", f"{key} = {value}"), CSV, f"log.csv: {key} is {shown}: a")
+      for key in ("start", "stop") for value, shown in (("true", "True"), ("nan", "nan"))),
+    (TOML, CSV.replace("1,3,-5", "1,,-5").replace("2,4,6", ",4,6"),
+     "channels.wheel_speed: columns 'wl' and 'wr' of log.csv are never sampled together.*: name one"),
+    (TOML.replace('"wr"]', '"wr", "v"]'), CSV, "columns 'wl' and 'wr' and 'v' of log.csv are never sampled together"),
+    (TOML, CSV.replace("1,3,-5", "1,,-5").replace("2,4,6", "2,,6"), "column 'wl and wr' holds no values"),
     (TOML.replace("channels.engine_speed", "channels.engine_sped"), CSV, r"did you mean 'engine_speed'"),
     (TOML.replace('"pickup_10r80"', "3"), CSV, r"measurement.toml: vehicle is 3: text is needed"),
     ('variant = ["modified"]\n' + TOML, CSV, r"measurement.toml: variant is \['modified'\]: text is needed"),
