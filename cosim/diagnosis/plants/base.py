@@ -189,7 +189,7 @@ class InstrumentedPlant:
         start, stop = manoeuvre.start, manoeuvre.stop
         if stop - start < SHORTEST:
             raise InputError(f"manoeuvre '{manoeuvre.name}': all channels together are there for "
-                             f"{max(stop - start, 0.0):.2g} s; at least {SHORTEST:g} s are needed")
+                             f"{np.floor(1e3 * max(stop - start, 0.0)) / 1e3:g} s; at least {SHORTEST:g} s are needed")
         return start, stop
 
     def _driven(self, manoeuvre: Manoeuvre) -> None:

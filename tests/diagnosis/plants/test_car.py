@@ -215,6 +215,15 @@ def test_a_short_drive_is_compared_where_clutch_and_brake_let_it_be():
     assert run.time[-1] < 4.0
 
 
+@pytest.mark.parametrize(("stop", "said"), [(1.99, "1.99"), (1.9999, "1.999"), (0.5, "0.5"), (-1.0, "0")])
+def test_too_short_is_never_said_to_be_as_long_as_is_needed(stop, said):
+    times = {"engine_speed": np.array([0.0, 5.0]), "engine_torque": np.array([-9.0, stop])}
+    short = Manoeuvre("short", "", 4, {name: Channel(name, CANONICAL[name].unit, time, np.ones(2), "")
+                                       for name, time in times.items()})
+    with pytest.raises(InputError, match=f"together are there for {said} s; at least 2 s are needed"):
+        FullOrderCar("suv_6l80")._span(short)
+
+
 def test_where_the_speeds_have_no_gears_ratio_a_drive_is_not_compared():
     car = FullOrderCar("suv_6l80")
     between = 1.1 * car.gears[4] * car.values["final_drive.ratio"]
