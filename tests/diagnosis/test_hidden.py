@@ -360,6 +360,13 @@ def test_only_forward_or_back(tmp_path):
         hide([], 3, tmp_path / "m", manoeuvres=("tip_in:5:up",))
 
 
+@pytest.mark.parametrize("entry", ["vehicle_mass=", "vehicle_mass= ", "outside:hardening_axle_shafts="])
+def test_an_empty_size_is_not_a_wish_for_any(tmp_path, entry):
+    with pytest.raises(InputError, match=f"^{entry}: a size is needed behind =, or {entry.rstrip('= ')} alone"):
+        hide([entry], 1, tmp_path / "m", manoeuvres=["tip_in:5"])
+    assert not (tmp_path / "m").exists()
+
+
 @pytest.mark.parametrize(("effects", "message"), [
     (["vehicle_mass=1.1", "vehicle_mass=1.2"], "vehicle_mass is there twice"),
     (["mesh_loss=final_drive_loss:2,final_drive_loss:3"], "one size for each of its numbers")])

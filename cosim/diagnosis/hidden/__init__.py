@@ -124,7 +124,9 @@ def hide(effects: Sequence[str], seed: int, out: Path, *, vehicle: str = VEHICLE
     nominal = dict(vehicles.load(vehicle, variant).values)
     mixed, sizes, chosen, outside = nominal, {}, {}, {}
     for entry in wanted:
-        name, _, text = entry.partition("=")
+        name, sized, text = entry.partition("=")
+        if sized and not text.strip():
+            raise InputError(f"{entry}: a size is needed behind =, or {name} alone where it is to be drawn")
         if name == COCKTAIL:
             mixed, sizes = cocktail(vehicle, nominal)
         elif name.startswith(PREFIX):
