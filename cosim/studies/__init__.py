@@ -29,6 +29,8 @@ STUDIES: dict[str, str] = {
     "size-estimator-robustness": "size_estimator_robustness",
 }
 
+OPTIONS = ("workers", "cluster", "measurement")  # of the command line, for the studies that take them
+
 
 def summary(name: str) -> str:
     """One line about a study: the first of its module's docstring (read, not imported)."""
@@ -53,6 +55,10 @@ def run(name: str, out: Path, progress: Callable[[float], None] | None = None, *
     study = importlib.import_module(f"{__name__}.{_module(name)}")
     known = list(inspect.signature(study.run).parameters)[2:]
     for argument in size:
+        if argument in OPTIONS and argument not in known:
+            taken = ", ".join(f"--{option}" for option in OPTIONS if option in known)
+            raise InputError(f"study '{name}' takes no --{argument}" + (f", but {taken}" if taken else
+                                                                        ": it has no options but --out"))
         if argument not in known:
             raise InputError(f"study '{name}' takes no '{argument}'{did_you_mean(argument, known)}")
     progress = progress or (lambda share: None)

@@ -78,7 +78,8 @@ def test_the_text_for_people_names_the_files(folder, capsys):
     (["run", "road_log"], "--measurement PATH"),
     (["study", "nothing"], "there is no study 'nothing'"),
     (["study", "size-estimator-robustness", "--workers", "0"], "workers"),
-    (["study", "gears", "--workers", "2", "--out", "a/b"], "takes no 'workers'"),
+    (["study", "gears", "--workers", "2", "--out", "a/b"], "study 'gears' takes no --workers: it has no options"),
+    (["study", "size-estimator", "--measurement", "a"], "takes no --measurement, but --workers, --cluster"),
 ])
 def test_wrong_input_is_2_and_one_message(folder, capsys, arguments, words):
     assert cli.main(arguments) == 2

@@ -155,8 +155,10 @@ def test_jitter_that_is_drawn_has_the_density_it_is_shown_with():
 
 
 def test_an_argument_a_study_does_not_take_is_named(tmp_path):
-    with pytest.raises(InputError, match="'gears' takes no 'workers'"):
+    with pytest.raises(InputError, match="'gears' takes no --workers"):
         studies.run("gears", tmp_path, workers=2)
+    with pytest.raises(InputError, match="'gears' takes no 'gaers'; did you mean 'gears'"):
+        studies.run("gears", tmp_path, gaers=(5,))
 
 
 def test_without_a_road_log_it_is_said(ran):
