@@ -59,7 +59,7 @@ def find_fmu(name: str | Path, beside: Path | None = None) -> Path:
         beside: Folder that relative paths may also start from.
 
     Raises:
-        InputError: There is none; what was built is listed.
+        InputError: There is none; the message says where it was looked for, or which names there are.
     """
     starts = [folder for folder in (beside, Path.cwd()) if folder is not None]
     if Path(name).suffix == ".fmu" or len(Path(name).parts) > 1:
@@ -69,8 +69,13 @@ def find_fmu(name: str | Path, beside: Path | None = None) -> Path:
         return found[0]
     built = {path.stem: path for folder in reversed(build_folders()) for path in sorted(folder.glob("*.fmu"))}
     if str(name) not in built:
-        hint = did_you_mean(str(name), built) if built else "; nothing is built yet: run `driveline build`"
-        raise InputError(f"there is no FMU '{name}' in build/fmus{hint}")
+        from driveline.models import MODELS
+
+        if str(name) in MODELS:
+            folders = " and ".join(str(folder) for folder in build_folders())
+            raise InputError(f"there is no FMU '{name}' in {folders}: run `driveline build`")
+        raise InputError(f"there is no FMU '{name}': the path of an .fmu file is needed, or the name of one of the "
+                         f"project's{did_you_mean(str(name), {*MODELS, *built}, 20)}")
     return built[str(name)]
 
 

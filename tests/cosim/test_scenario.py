@@ -197,8 +197,9 @@ def test_a_mark_at_the_beginning_of_the_file_is_no_obstacle(folder):
 
 def test_words_and_switches_can_be_set_from_outside(foreign_fmus, tmp_path):
     text = f'stop = 0.2\nstep = 0.1\n[fmu.f]\nfile = "{foreign_fmus / "worded.fmu"}"\n'
-    result = Scenario.load(write(tmp_path, text), {"f.on": "true", "f.words": "hello"}).run()
-    assert result["f.shown"].tolist() == [0.0, 5.0, 5.0]
+    for on in ("true", True):
+        result = Scenario.load(write(tmp_path, text), {"f.on": on, "f.words": "hello"}).run()
+        assert result["f.shown"].tolist() == [0.0, 5.0, 5.0]
 
 
 def test_a_parameter_can_be_what_was_measured_at_the_start(folder):
@@ -213,10 +214,18 @@ def test_a_parameter_can_be_what_was_measured_at_the_start(folder):
     ('stop = "0.5 s"', "", "stop is missing"),
     ('stop = "0.5 s"', 'stop = "0.5 m"', r"line 2: stop: stop is '0.5 m': 'm' cannot be converted"),
     ('step = "1 ms"', "step = 0", r"line 3: step: .*positive"),
+    ('stop = "0.5 s"', "stop = true", r"line 2: stop: stop is True: a number is needed, in s"),
+    ('stop = "0.5 s"', 'stop = "0.5 s"\nstart = false', r"line 3: start: start is False: a number is needed, in s"),
+    ('step = "1 ms"', "step = true", r"line 3: step: step is True: a number"),
+    ('record_step = "5 ms"', "record_step = true", r"line 5: record_step: record_step is True: a number"),
+    ("step = 0.005", "step = true", r"line 14: fmu.b: step of b is True: a number"),
+    ('"50 ms"', "true", r"line 11: fmu.a.parameters.time_constant: 'a.time_constant' is True: a number"),
     ('step = "1 ms"', 'setp = "1 ms"', r"line 3: setp: a scenario has no such key; did you mean .*'step'"),
     ('step = "1 ms"', 'order = "jakobi"', r"line 3: order: .*did you mean 'jacobi'"),
     ("[fmu.a]", "[fmus.a]", r"fmus: a scenario has no such key; did you mean 'fmu'"),
     ('file = "lag.fmu"', 'file = "leg.fmu"', r"line 7: fmu.a: there is no FMU leg.fmu"),
+    *(('file = "lag.fmu"', f'file = "{name}"', rf"line 7: fmu.a: there is no FMU '{name}': the path of .*{hint}")
+      for name, hint in (("", "known: dskse, "), (".", "known: dskse, "), ("plant_fim", "did you mean 'plant_fom'"))),
     ('file = "lag.fmu"', 'flie = "lag.fmu"', r"line 8: fmu.a.flie: .*did you mean 'file'"),
     ('file = "lag.fmu"', 'file = "lag.fmu"\ntwin = "plant_fom"', r"fmu.a: either file"),
     ('file = "lag.fmu"', 'twin = "plant_fim"', r"fmu.a: .*no model 'plant_fim'; did you mean 'plant_fom'"),
@@ -256,6 +265,13 @@ def test_what_is_wrong_is_named_with_file_and_key(folder, old, new, words):
         scenario.compare(scenario.run())
     assert "scenario.toml" in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_one_of_the_projects_fmus_that_is_not_built_is_told_from_an_unknown_one(folder, monkeypatch):
+    monkeypatch.setattr("cosim.master.parameters.build_folders", lambda: [folder / "here", folder / "there"])
+    path = write(folder, TEXT.replace('file = "lag.fmu"', 'file = "plant_fom"'))
+    with pytest.raises(InputError, match="no FMU 'plant_fom' in .*here and .*there: run `driveline build`"):
+        Scenario.load(path).master()
 
 
 @pytest.mark.parametrize(("name", "value", "words"), [
