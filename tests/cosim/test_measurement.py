@@ -476,6 +476,13 @@ def test_a_channel_that_is_in_two_groups_of_an_mdf_file_is_told_by_its_group(twi
             load(path, {"channels": {"engine_speed": {"group": group}}})
 
 
+def test_a_clock_that_is_named_is_that_of_the_channels_group(twice):
+    """Every group calls its own clock the same."""
+    path = twice(5, 3)
+    told = {"channels": {"engine_speed": {"group": 1, "time": "time", "delay": 1.0}}}
+    assert load(path, told).manoeuvres[0]["engine_speed"].time == pytest.approx([-1.0, -0.9, -0.8])
+
+
 def test_a_group_without_samples_leaves_no_doubt(twice):
     assert load(twice(0, 3)).manoeuvres[0]["engine_speed"].values.tolist() == [100.0, 101.0, 102.0]
     with pytest.raises(InputError, match="column 'engine_speed' holds no values"):
