@@ -365,9 +365,10 @@ def _summary(finding: dict[str, Any]) -> list[str]:
         lines.append(f"  unknown: a {what} at the {either(balances(unknown))} of {unknown['size']:.3g} {unit}; "
                      f"it goes with {goes_with_words(unknown)}")
     open_to = "is not excluded:" if in_doubt(finding) else "cannot be told from"
-    lines += [f"  {open_to} {', '.join(rival['effects'])}{' alone' * lacking(finding, rival['effects'])} "
-              f"({rival['separation_sigma']:.1f} sigma)"
-              for rival in finding["ambiguous_with"]]
+    for rival in finding["ambiguous_with"]:
+        which = " alone" if lacking(finding, rival["effects"]) else (
+            f" in place of {', '.join(rival['in_place_of'])}" if len(together) > 1 and rival.get("in_place_of") else "")
+        lines.append(f"  {open_to} {', '.join(rival['effects'])}{which} ({rival['separation_sigma']:.1f} sigma)")
     if proposed := finding["next_manoeuvre"]:
         lines.append(f"  drive next: {driven(proposed)}: {proposed['why']}")
     if gain := finding["gain"]:

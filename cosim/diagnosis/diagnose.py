@@ -365,16 +365,13 @@ def _propose(diagnosis: Diagnosis, search: Search, found: Identification) -> Non
 
 
 def _write_vehicle(diagnosis: Diagnosis, values: dict[str, float], out: Path) -> None:
-    """The extended vehicle file, and which causes are in it; none where no value of the vehicle is another one.
-
-    What is wrong with a sensor or with an input is no value of a vehicle.
-    """
+    """The extended vehicle file, and which causes are in it: what is wrong with a sensor or an input is no value of a
+    vehicle."""
     car, changes = diagnosis.car, _changes(diagnosis, values)
-    if not changes:
-        return
+    nothing = "what swings was not found" if changes else "no value of the vehicle is another one"
     inside = [effect for effect in diagnosis.finding["together"] if _is_in(effect, changes)]
     why = f"diagnosis of {diagnosis.measurement.name}: " + (
-        ", ".join(effect.replace("_", " ") for effect in inside) or "what swings was not found")
+        ", ".join(effect.replace("_", " ") for effect in inside) or nothing)
     extend.write_vehicle(car.source, changes, car.units, why, out / extend.EXTENDED)
     diagnosis.finding["extension"] = {"vehicle": extend.EXTENDED, "fmu": None, "effects": inside}
 
@@ -401,7 +398,7 @@ def _extend(diagnosis: Diagnosis, predictor: Predictor, found: Identification, o
     changes, fmu = _changes(diagnosis, values), None
     if out is not None:
         _write_vehicle(diagnosis, values, out)
-        if build is not None and changes:
+        if build is not None:
             say("building the extended FMU")
             fmu = build(out, out / extend.EXTENDED)
             diagnosis.finding["extension"]["fmu"] = fmu.name

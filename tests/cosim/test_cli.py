@@ -240,6 +240,12 @@ def test_causes_that_act_together_are_told_with_what_they_have_together():
     first = {**FINDING["causes"][0], "probability": 0.5}
     lines = cli._summary({**FINDING, "causes": [first, second], "together": ["shaft_stiffness", "vehicle_mass"]})
     assert "90 % these together: shaft_stiffness, vehicle_mass" in "\n".join(lines)
+    rivals = [{"effects": effects, "in_place_of": gone, "separation_sigma": 1.0}
+              for effects, gone in ((["road_grade"], ["vehicle_mass"]), (["vehicle_mass"], ["shaft_stiffness"]))]
+    lines = cli._summary({**FINDING, "causes": [first, second], "together": ["shaft_stiffness", "vehicle_mass"],
+                          "ambiguous_with": rivals})
+    assert "  cannot be told from road_grade in place of vehicle_mass (1.0 sigma)" in lines
+    assert "  cannot be told from vehicle_mass alone (1.0 sigma)" in lines
     assert "together" not in "\n".join(cli._summary(FINDING))
     none = "\n".join(cli._summary({**FINDING, "verdict": "none", "together": []}))
     assert "is not excluded: engine_inertia (2.5 sigma)" in none and "cannot be told" not in none

@@ -116,11 +116,14 @@ def test_an_extended_file_names_what_was_written_into_it_and_swings_no_more_than
                                           "effects": ["vehicle_mass", "mesh_loss"]}
 
 
-def test_without_another_value_of_the_vehicle_there_is_no_extended_file_but_what_swings_is_taken_out(tmp_path):
+def test_what_is_no_value_of_a_vehicle_is_not_in_the_extended_file_which_says_so(tmp_path):
     sensed = {"observe.propeller_shaft_torque.gain": 1.08, "input.road_grade.offset": 0.01}
     given = found(["torque_meter_gain", "road_grade"])
     diagnose._write_vehicle(given, given.car.values | sensed, tmp_path)
-    assert given.finding["extension"] is None and not list(tmp_path.iterdir())
+    assert given.finding["extension"]["effects"] == []
+    assert vehicles.load(tmp_path / "extended.toml").values == given.car.source.values
+    said = (tmp_path / "extended.toml").read_text().splitlines()[0]
+    assert "diagnosis of m: no value of the vehicle is another one" in said
     given = found(["torque_meter_gain"], {"torque_ripple.amplitude": 30.0})
     diagnose._write_vehicle(given, given.car.values | sensed, tmp_path)
     assert given.finding["extension"]["effects"] == []
@@ -128,22 +131,19 @@ def test_without_another_value_of_the_vehicle_there_is_no_extended_file_but_what
     assert source == "diagnosis of m: what swings was not found"
 
 
-def test_where_only_a_sensor_errs_the_gain_is_what_is_known_of_it_and_no_plant_is_built(tmp_path, monkeypatch):
+def test_where_only_a_sensor_errs_the_gain_is_what_is_known_of_it(tmp_path, monkeypatch):
     hide(["torque_meter_gain=1.1"], 3, tmp_path / "m", structure="same", drift="none", manoeuvres=["tip_in:5"])
     measurement = load(tmp_path / "m")
     given = found(["torque_meter_gain"])
     given.reserved = given.car.runs(measurement)
     (tmp_path / "out").mkdir()
 
-    def build(out, vehicle):
-        raise AssertionError("no plant is another one")
-
     monkeypatch.setattr(diagnose, "_values", lambda predictor, fit, told: given.car.values | {
         "observe.propeller_shaft_torque.gain": 1.1})
     floors = {name: float(np.std(np.diff(values))) for run in given.reserved for name, values in run.measured.items()}
     search = SimpleNamespace(best=SimpleNamespace(effects=("torque_meter_gain",)), noise=SimpleNamespace(floors=floors))
-    diagnose._extend(given, None, search, tmp_path / "out", build, str)
-    assert given.finding["extension"] is None and not list((tmp_path / "out").iterdir())
+    diagnose._extend(given, None, search, tmp_path / "out", None, str)
+    assert given.finding["extension"]["effects"] == []
     gain = {row["signal"]: row["nrmse_after"] / row["nrmse_before"] for row in given.finding["gain"]["held_out"]}
     assert gain.pop("propeller_shaft_torque") < 0.3
     assert gain and all(ratio == pytest.approx(1.0) for ratio in gain.values())

@@ -149,15 +149,15 @@ def _causes(inverse: Inverse, tried: Sequence[Supposition], best: Supposition,
 
 def _rivals(tried: Sequence[Supposition], best: Supposition) -> list[dict[str, Any]]:
     """What else might stand where one or more of the best set's effects do, closest first."""
-    found: dict[tuple[str, ...], float] = {}
+    found: dict[tuple[str, ...], tuple[float, list[str]]] = {}
     for other in tried:
         instead = tuple(e for e in other.effects if e not in best.effects)
-        replaced = set(best.effects) - set(other.effects)
+        replaced = [e for e in best.effects if e not in other.effects]
         if replaced and instead and np.isfinite(other.log_evidence) and not any(
                 set(known) <= set(instead) for known in found):
-            found[instead] = float(np.sqrt(2.0 * max(best.log_evidence - other.log_evidence, 0.0)))
-    return [{"effects": list(instead), "separation_sigma": distance}
-            for instead, distance in sorted(found.items(), key=lambda item: item[1])][:RIVALS]
+            found[instead] = float(np.sqrt(2.0 * max(best.log_evidence - other.log_evidence, 0.0))), replaced
+    return [{"effects": list(instead), "in_place_of": replaced, "separation_sigma": distance}
+            for instead, (distance, replaced) in sorted(found.items(), key=lambda item: item[1][0])][:RIVALS]
 
 
 def _wrong(inverse: Inverse) -> list[dict[str, Any]]:

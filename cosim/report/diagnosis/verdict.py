@@ -100,26 +100,17 @@ def instead_of(finding: Mapping[str, Any], rival: Mapping[str, Any]) -> list[str
 
 
 def extended(finding: Mapping[str, Any]) -> str:
-    """What is in the extended vehicle file, and which causes are not, or why there is none; empty for no causes."""
+    """What is in the extended vehicle file, and which causes are no values of a vehicle; empty where there is none."""
     extension, together = finding["extension"], finding["together"]
-    inside = extension.get("effects", together) if extension else []
-    outside = [effect for effect in together if effect not in inside]
-    said = " and ".join(map(words, outside)) + (" is no value" if len(outside) == 1 else " are no values")
-    said += " of a vehicle"
-    if extension:
-        what = " and ".join(map(words, inside))
-        what = f"with {what} in it" if inside else "without what swings in it, which was not found"
-        return f"the vehicle file {what}" + f"; {said}, and not in it" * bool(outside)
-    if not outside or not believed(finding) or any(_of_a_vehicle(effect) for effect in outside):
+    if not extension:
         return ""
-    return f"no extended vehicle file: {said}"
-
-
-def _of_a_vehicle(effect: str) -> bool:
-    """Whether an effect is in values of a vehicle, and not what a sensor or an input errs by."""
-    known = CATALOGUE.get(effect)
-    return known is None or not all(target.startswith(("observe.", "input.")) for p in (
-        *known.parameters, *known.elsewhere) for target in p.targets)
+    inside = extension.get("effects", together)
+    outside = [effect for effect in together if effect not in inside]
+    said = f"the vehicle file with {' and '.join(map(words, inside)) or 'no cause'} in it"
+    if not outside:
+        return said
+    are = "is no value" if len(outside) == 1 else "are no values"
+    return f"{said}; {' and '.join(map(words, outside))} {are} of a vehicle"
 
 
 def about(finding: Mapping[str, Any]) -> list[str]:

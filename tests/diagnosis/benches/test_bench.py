@@ -324,6 +324,7 @@ def test_a_rotor_is_told_from_a_load_by_the_inline_sensor_and_by_nothing_else(tm
     one = {finding["causes"][0]["effect"]} | {e for rival in finding["ambiguous_with"] for e in rival["effects"]}
     assert {"engine_inertia", "wheel_inertia"} <= one
     assert all(rival["separation_sigma"] < 3.0 for rival in finding["ambiguous_with"])
+    assert all(set(rival["in_place_of"]) <= set(finding["together"]) for rival in finding["ambiguous_with"])
     assert sum(c["probability"] for c in finding["causes"]) <= 1.0
 
 
