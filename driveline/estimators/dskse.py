@@ -66,8 +66,8 @@ WORK = ROOM + 2 * N * N
 # State: frames so far, x and P, then these.
 KEPT = 1 + N + N * N
 (RUNNING, MODE, TORQUE, LEFT_FLANK, LEFT_AT, START, END, DURATION, SURPRISE, UNEXPLAINED,
- MISSED) = range(KEPT, KEPT + 11)
-STATE = KEPT + 10  # without the count of frames
+ MISSED, DOUBTED) = range(KEPT, KEPT + 12)
+STATE = KEPT + 11  # without the count of frames
 
 INPUT_TORQUE, INPUT_ENGINE, INPUT_WHEEL, INPUT_SIZE = range(4)
 
@@ -190,6 +190,10 @@ def dskse_step(state: F8, constants: F8, work: F8, inputs: F8, outputs: F8, time
         work[i] = constants[i]
     for i in range(N + N * N):
         work[X + i] = state[1 + i]
+    if all_good and state[MISSED] > work[MISSED_BOUND]:
+        # what was only predicted for so long may lie on the wrong flank: start anew, and see whether that was right
+        state[RUNNING] = 0.0
+        state[DOUBTED] = AVERAGED
     if state[RUNNING] > 0.0:
         torque = state[TORQUE]
         if torque_good:
@@ -206,6 +210,7 @@ def dskse_step(state: F8, constants: F8, work: F8, inputs: F8, outputs: F8, time
             work[X + i] = 0.0
         state[MODE] = 0.0
     state[MISSED] += work[PERIOD]
+    state[DOUBTED] = max(state[DOUBTED] - work[PERIOD], 0.0)
     if all_good:
         state[MISSED] = 0.0
     if torque_good:
@@ -223,7 +228,7 @@ def dskse_step(state: F8, constants: F8, work: F8, inputs: F8, outputs: F8, time
     outputs[17] = sqrt(max(state[UNEXPLAINED], 0.0))
     outputs[18] = 1.0
     if (state[RUNNING] == 0.0 or not state[SURPRISE] <= work[SURPRISE_BOUND]
-            or not outputs[17] <= work[TORQUE_BOUND] or state[MISSED] > work[MISSED_BOUND]):
+            or not outputs[17] <= work[TORQUE_BOUND] or state[MISSED] > work[MISSED_BOUND] or state[DOUBTED] > 0.0):
         outputs[18] = 0.0
     return 0
 

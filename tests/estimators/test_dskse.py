@@ -250,6 +250,30 @@ def test_wrong_on_purpose_is_noticed():
     assert not estimate(record | {"engine_speed": stuck})["trusted"].all()
 
 
+@pytest.mark.parametrize("milliseconds", [10, 1])
+def test_after_a_gap_in_which_the_torque_reversed_it_starts_anew(milliseconds):
+    """It hung in the lash for more than a second, on the wrong side, and trusted itself."""
+    full = plant("plant_fom", {"engine.air_lag": 0.0, "engine.air_delay": 0.0, "start.vehicle_speed": 15.0}, gear=5,
+                 engine_torque=200.0)
+    record = run(full, 3.0, engine_torque=lambda t: np.clip(200.0 - np.clip(t + 1e-3 - 0.5, 0.0, None) * 250.0,
+                                                            -30.0, 200.0))
+    true = np.where(record["final_drive_contact"] == record["transmission_contact"], record["final_drive_contact"], 0.0)
+    estimator = make(period=milliseconds * 1e-3)
+    signals = np.column_stack([record[name] for name in ("crankshaft_torque", "engine_speed", "wheel_speed")])
+    estimator.values[:3] = signals[0]
+    taken = np.arange(milliseconds - 1, len(signals), milliseconds)
+    for begin in np.arange(0.9, 1.5, 0.05):
+        estimator.initialize()
+        frames = np.column_stack([signals[taken], np.zeros(taken.size)])
+        time = record["time"][taken]
+        frames[(time >= begin) & (time < begin + 0.5), :3] = np.nan
+        found = columns(estimator, estimator.simulate(frames))
+        after = time >= begin + 0.5
+        wrong = after & (found["contact"] != true[taken]) & (found["trusted"] > 0.0)
+        assert wrong.sum() * milliseconds <= 100
+        assert found["trusted"][after][0] == 0.0 and found["trusted"][-1] == 1.0
+
+
 def test_stiffness_wrong_on_purpose_moves_the_start():
     """Section 3.4.1: the start of the traversal is sensitive to the shaft's stiffness, its end is not."""
     record, right = tip_in(400), make()
