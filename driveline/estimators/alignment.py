@@ -11,6 +11,7 @@ shuffle says nothing.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from ..kernels.backend import kernel
@@ -136,6 +137,17 @@ def learn(state, work, at, knows, grown, carried, speed):
         state[at + GROWN] = 0.0
         state[at + CARRIED_BEGUN] = carried
         state[at + SPEED_BEGUN] = speed
+
+
+@kernel
+def at_the_end(state, work, at, knows):
+    """1 where the lag found is at an end of what is looked for, within three deviations: it may lie beyond; else 0."""
+    if work[knows + PRIOR] <= 0.0:
+        return 0.0
+    margin = 3.0 * math.sqrt(max(state[at + VARIANCE], 0.0))
+    if work[knows + LEAST] + margin < state[at + FOUND] < work[knows + MOST] - margin:
+        return 0.0
+    return 1.0
 
 
 @kernel

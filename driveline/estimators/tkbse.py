@@ -34,6 +34,7 @@ from .alignment import (
     VARIANCE,
     SoughtDelays,
     align,
+    at_the_end,
     interrupt,
     learn,
 )
@@ -336,7 +337,7 @@ def tkbse_step(state: F8, constants: F8, work: F8, inputs: F8, outputs: F8, time
     outputs[14] = 1.0
     if (state[CONSTRAINED] == 0.0 or not state[SURPRISE] <= work[SURPRISE_BOUND]
             or not outputs[10] <= work[TORQUE_BOUND] or state[MISSED] > work[MISSED_BOUND]
-            or outputs[13] > work[DELAY_BOUND]):
+            or outputs[13] > work[DELAY_BOUND] or at_the_end(state, work, ALIGNMENT, KNOWS) > 0.0):
         outputs[14] = 0.0
     return 0
 

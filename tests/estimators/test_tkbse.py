@@ -340,6 +340,15 @@ def test_a_size_is_not_trusted_before_the_delay_is_known():
     assert not found["trusted"][unsure].any() and found["trusted"][-1] == 1.0
 
 
+@pytest.mark.parametrize(("milliseconds", "wheel", "trusts"),
+                         [(1, 80, 0.0), (1, 45, 1.0), (10, 80, 1.0), (10, 120, 0.0)])
+def test_a_lag_at_the_end_of_what_is_looked_for_is_not_trusted(milliseconds, wheel, trusts):
+    """Of 64 frames of 1 ms the oldest is 62 ms old; what the lag is beyond that is lash to the estimator."""
+    found = late(record(), 0, wheel, make(period=1e-3 * milliseconds), milliseconds)
+    assert found["lash_size"][-1] > 0.0 and found["trusted"][-1] == trusts
+    assert not found["trusted"][np.abs(found["lash_size"] / true_size() - 1.0) > 0.02].any()
+
+
 # ---- together with the state estimator -----------------------------------------------------------------
 
 
