@@ -87,10 +87,14 @@ WORK = FRAME + 3
 # State: frames so far, x, then these.
 KEPT = 1 + N
 (TRIGGERED, ARMED, TORQUE, SINCE, COMPLETE, ENGINE_BEFORE, RATE_BEFORE, BALANCED, SHAFT, CALM, CANDIDATE,
- CONSTRAINED, TRIGGERS, SURPRISE, UNEXPLAINED, MISSED, SETTLED, COUNTED, CALM_SIZE) = range(KEPT, KEPT + 19)
-ALIGNMENT = KEPT + 19
+ CONSTRAINED, TRIGGERS, SURPRISE, UNEXPLAINED, MISSED, SETTLED, COUNTED, CALM_SIZE, REFERENCE,
+ RISE) = range(KEPT, KEPT + 21)
+ALIGNMENT = KEPT + 21
 STATE = ALIGNMENT + BLOCK - 1  # without the count of frames
 
+# Time [s] over which the torque's slope is taken, and a frame at least: the thesis's sampling time. Shorter frames
+# would find steps of a torque that is told in bits, or more rarely than they come, and nothing between them.
+RISING = 0.01
 # Time [s] over which the engine's torque balance sets the shaft's torque right before a trigger.
 SMOOTHING = 0.05
 LARGER = 1.5  # a size so many times another is not the same lash, or not all of it
@@ -277,10 +281,16 @@ def tkbse_step(state: F8, constants: F8, work: F8, inputs: F8, outputs: F8, time
     torque, wanted = state[TORQUE], state[TRIGGERED] > 0.0
     if torque_good:
         torque = work[FRAME_TORQUE]
-        slope = 0.0
-        if state[SINCE] > 0.0:
-            slope = (torque - state[TORQUE]) / (work[PERIOD] * state[SINCE])
-        wanted = torque > work[LEVEL] and slope > work[SLOPE]
+        rise = 0.0
+        if state[SINCE] == 0.0:
+            state[REFERENCE] = torque
+        elif work[PERIOD] * (state[SINCE] + 1e-3) > RISING:
+            state[RISE] = (torque - state[REFERENCE]) / (work[PERIOD] * state[SINCE])
+            state[REFERENCE] = torque
+            state[SINCE] = 0.0
+        else:  # enough already, whatever the rest of this time brings
+            rise = (torque - state[REFERENCE]) / RISING
+        wanted = torque > work[LEVEL] and max(state[RISE], rise) > work[SLOPE]
         if torque <= work[LEVEL]:
             state[ARMED] = 1.0
     rate, grown = 0.0, ABSENT
@@ -320,8 +330,7 @@ def tkbse_step(state: F8, constants: F8, work: F8, inputs: F8, outputs: F8, time
         state[ENGINE_BEFORE] = work[FRAME_ENGINE]
     if torque_good:
         state[TORQUE] = torque
-        state[SINCE] = 1.0
-    elif state[SINCE] > 0.0:
+    if torque_good or state[SINCE] > 0.0:
         state[SINCE] += 1.0
     for i in range(N):
         state[1 + i] = work[X + i]

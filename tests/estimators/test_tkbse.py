@@ -271,6 +271,33 @@ def test_another_lash_starts_another_mean():
     assert sizes == [pytest.approx(true_size(1), rel=0.02), pytest.approx(true_size(2), rel=0.02)]
 
 
+def in_bits(torque):
+    return np.round(2.0 * torque) / 2.0
+
+
+def every_10_ms(torque):
+    return torque[np.arange(torque.size) // 10 * 10]
+
+
+@pytest.mark.parametrize("milliseconds", [10, 5, 1])
+@pytest.mark.parametrize("told", [in_bits, every_10_ms])
+def test_a_torque_in_bits_or_updated_rarely_rises_all_the_same(told, milliseconds):
+    """Of frames of 1 ms the first in which it stood ended the trigger, and no tip-in ever gave a size."""
+    data = record() | {"crankshaft_torque": told(record()["crankshaft_torque"])}
+    found = estimate(data, milliseconds=milliseconds)
+    assert found["triggers"][-1] == len(TIP_INS) and found["trusted"][-1] == 1.0
+    assert found["lash_size"][-1] == pytest.approx(true_size(), rel=0.015)
+
+
+def test_short_frames_trigger_as_soon_as_long_ones_would():
+    """A torque that jumps through zero triggers in its first frame, however short."""
+    estimator = make(period=1e-3, engine_torque=-20.0, engine_speed=150.0, wheel_speed=29.81)
+    estimator.initialize()
+    frames = [[torque, 150.0, 29.81] for torque in np.append(np.full(14, -20.0), 5.0)]
+    found = columns(estimator, estimator.simulate(np.array(frames)))
+    np.testing.assert_array_equal(np.flatnonzero(found["triggered"]), [14])
+
+
 # ---- late speeds -------------------------------------------------------------------------------------
 
 
