@@ -107,7 +107,11 @@ from .samples import SAMPLES, linear, push, smooth
 
 REVISED = 0.08  # [s] after an impact during which its instants are revised
 NORMAL_90 = 1.6448536269514722
-LONGEST = 0.15  # [s] between two engine speeds, beyond which the twist is lost
+LONGEST = 0.025  # [s] between two engine speeds, beyond which the twist is lost; 1.5 frames where that is more
+GONE = 0.05  # [s] without a wheel speed, or a torque, beyond which the twist or the torque is lost; the same
+PATIENCE = 0.06  # [s] for which an engine speed waits for wheel speed and torque
+AHEAD = 0.03  # [s] by which it may then be ahead of them, where one is late that nobody told of
+SHORTEST = 0.005  # [s] of an interval; of shorter frames several make one
 SURPRISE_BOUND = 4.0
 MISSING_BOUND = 0.05  # [s] without a complete frame
 PERIOD_BOUND = 0.0201  # [s] between frames, beyond which sizes were wrong that it was sure of
@@ -314,11 +318,24 @@ def lash_observer_step(state: F8, constants: F8, work: F8, inputs: F8, outputs: 
     else:
         state[MISSING] += constants[PERIOD]
     contact = outputs[3]
-    if state[ENGINE_COUNT] > 0.0 and state[WHEEL_COUNT] > 0.0 and state[TORQUE_COUNT] > 0.0:
+    longest = max(LONGEST, 1.5 * constants[PERIOD])
+    apart = 1e-5
+    if constants[PERIOD] < 0.99 * SHORTEST:
+        apart = SHORTEST - 0.1 * constants[PERIOD]
+    last_torque, last_wheel = -1e9, -1e9
+    if state[TORQUE_COUNT] > 0.0:
+        last_torque = state[TORQUE_RING + int(state[TORQUE_COUNT]) - 1]
+    if state[WHEEL_COUNT] > 0.0:
+        last_wheel = state[WHEEL_RING + int(state[WHEEL_COUNT]) - 1]
+    if time - min(last_torque, last_wheel + constants[DELAY_WHEEL]) > max(GONE, 1.5 * constants[PERIOD]) + 1e-5:
+        # nothing tells what twist or torque did: begin again when all have come back, and learn nothing till then
+        state[RUNNING] = 0.0
+        state[SEEN] = 0.0
+    elif state[ENGINE_COUNT] > 0.0:
         for turn in range(2):  # two, to catch up when a signal had to be waited for
             found = -1
             for i in range(SAMPLES):
-                if found < 0 and i < int(state[ENGINE_COUNT]) and state[ENGINE_RING + i] > state[TIME] + 1e-5:
+                if found < 0 and i < int(state[ENGINE_COUNT]) and state[ENGINE_RING + i] > state[TIME] + apart:
                     found = i
             if state[RUNNING] == 0.0 and turn == 0 and state[SEEN] == 0.0:
                 found = int(state[ENGINE_COUNT]) - 1
@@ -327,16 +344,20 @@ def lash_observer_step(state: F8, constants: F8, work: F8, inputs: F8, outputs: 
                 engine_late = mean(state, ENGINE_LATE)
                 at = state[ENGINE_RING + found]
                 patience = max(0.3 * constants[PERIOD], 1e-4)
-                newest = state[WHEEL_RING + int(state[WHEEL_COUNT]) - 1] - late
+                newest = min(last_wheel - late, last_torque)
                 waited = state[ENGINE_RING + int(state[ENGINE_COUNT]) - 1] - at
-                if newest + patience >= at or waited > 0.06:
+                if newest + patience < at - AHEAD and waited > PATIENCE:
+                    state[RUNNING] = 0.0
+                    state[SEEN] = 0.0
+                    state[TIME] = at
+                elif newest + patience >= at or waited > PATIENCE:
                     engine = state[ENGINE_RING + SAMPLES + found]
                     wheel = smooth(state, WHEEL_RING, WHEEL_COUNT, at + late)
                     torque = linear(state, TORQUE_RING, TORQUE_COUNT, at - engine_late)
                     h = at - state[TIME]
-                    if state[SEEN] == 0.0 or h > LONGEST or state[RUNNING] == 0.0:
+                    if state[SEEN] == 0.0 or h > longest or state[RUNNING] == 0.0:
                         # begin, or begin again, at a torque that tells the flank
-                        if 0.0 < h < LONGEST and state[SEEN] > 0.0:
+                        if 0.0 < h <= longest and state[SEEN] > 0.0:
                             shown = constants[I_TR] * (
                                 0.5 * (torque + state[TORQUE]) - constants[LOSS_0]
                                 - constants[LOSS_1] * 0.5 * (engine + state[ENGINE])
@@ -498,7 +519,8 @@ class LashObserver(Estimator):
             raise InputError(f"shaft.half_gap is {p.shaft.half_gap:g} rad: an estimator of lash needs one between 0 "
                              "and 0.25 rad")
         check_forward(gear.transmission_ratio)
-        substeps = min(max(round(p.sampling.period / 1e-3), 2), MOST_SUBSTEPS)
+        frames = max(math.ceil(SHORTEST / p.sampling.period - 1e-6), 1)
+        substeps = min(round(frames * p.sampling.period / 1e-3), MOST_SUBSTEPS)
         return np.array([
             p.engine_inertia, p.output_inertia, p.wheel_inertia, p.shaft.stiffness, p.shaft.damping,
             gear.transmission_ratio, gear.final_drive_ratio, gear.loss_constant, gear.loss_viscous, gear.loss_fraction,

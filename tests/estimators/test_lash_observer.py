@@ -275,6 +275,89 @@ def test_missing_frames_cost_accuracy_not_sense():
     assert found["lash_size"][-1] == pytest.approx(2.0 * SIZE, rel=0.04)
 
 
+@pytest.mark.parametrize("milliseconds", [10, 1])
+@pytest.mark.parametrize(("which", "length"),
+                         [((2,), 0.6), ((0,), 0.6), ((0, 2), 0.3), ((1,), 0.09), ((0, 1, 2), 0.06)])
+def test_a_gap_of_any_signal_teaches_no_size(which, length, milliseconds):
+    """Wheel speeds or torques that nobody measured were learnt from: sizes up to ten times the lash, and trusted."""
+    record = driven(250.0, count=4)
+    for begin in (5.34, 5.46, 6.5):  # before and in the third tip-in, and before its tip-out
+        def spoil(frames, begin=begin):
+            time = 1e-3 * milliseconds * np.arange(1, len(frames) + 1)
+            lost = (time >= begin) & (time < begin + length)
+            frames[np.ix_(lost, which)] = np.nan
+
+        found = listen(record, make(), milliseconds, spoil=spoil)
+        sure = (found["trusted"] == 1.0) & (found["time"] > 3.0)
+        np.testing.assert_allclose(found["lash_size"][sure], SIZE, rtol=0.03)
+        assert found["trusted"][-1] == 1.0 and found["traversals"][-1] >= 6.0
+
+
+@pytest.mark.parametrize(("lash", "rate", "high"), [(3.0, 250.0, 200.0), (3.0, 500.0, 200.0), (2.0, 750.0, 200.0)])
+def test_with_frames_of_1_ms_contact_is_not_told_early(lash, rate, high):
+    """What is learnt from an interval of 1 ms is the pick-up of the output shaft: it was told up to 60 ms early."""
+    record = driven(rate, lash, high=high)
+    found = listen(record, make(), 1)
+    start, end, _ = traversals(record)[0]
+    told = found["time"][np.argmax(found["contact"] == 1.0)]
+    assert -1e-3 < told - end < 0.03
+    row = settled(found, end)
+    assert found["traversal_time_low90"][row] < end - start < found["traversal_time_high90"][row]
+    assert found["traversal_time"][row] == pytest.approx(end - start, rel=0.05)
+
+
+@pytest.mark.parametrize("rate", [50.0, 20.0])
+def test_with_short_frames_the_start_of_a_slow_traversal_is_still_kept(rate):
+    """In frames of 0.5 ms; linear between those of 1 ms, as the speeds are."""
+    full = plant("plant_fom", {"engine.air_lag": 0.0, "engine.air_delay": 0.0, "start.vehicle_speed": 12.0}, gear=5,
+                 engine_torque=-10.0)
+    record = run(full, 0.5 + 50.0 / rate + 0.5,
+                 engine_torque=lambda t: np.clip(-10.0 + np.clip(t + 1e-3 - 0.5, 0.0, None) * rate, -10.0, 40.0))
+    start, end, _ = traversals(record)[0]
+    time = 5e-4 * np.arange(1, 2 * record["time"].size)
+    observer = make(sampling__period=5e-4)
+    names = ("crankshaft_torque", "engine_speed", "wheel_speed")
+    frames = np.column_stack([np.interp(time, record["time"], record[name]) for name in names]
+                             + [np.zeros(time.size)] * 2)
+    observer.values[:5] = frames[0]
+    observer.initialize()
+    outputs = observer.simulate(frames)
+    found = {v.name: outputs[:, i] for i, v in enumerate(observer.output_variables)}
+    row = int(np.searchsorted(time, end + 0.11))
+    assert found["traversal_time_low90"][row] < end - start < found["traversal_time_high90"][row]
+    assert abs(found["traversal_start"][row] - start) < 1.65 * found["traversal_start_deviation"][row]
+
+
+@pytest.mark.parametrize(("period", "offset"), [(10, 0), (10, 3), (10, 7), (20, 0)])
+def test_a_bus_that_holds_its_speeds_is_no_measurement_every_millisecond(period, offset):
+    """A speed stands for 10 ms, then jumps within one: no torque does that. A size 16 % too large was trusted.
+
+    The wheel's may come every 20 ms, too. Values that repeat are no missing ones all the same: see the next test.
+    """
+    record = driven(250.0, count=4)
+    held = {}
+    for name, every in (("engine_speed", 10), ("wheel_speed", period)):
+        rows = np.maximum((np.arange(record["time"].size) - offset) // every * every + offset, 0)
+        held[name] = record[name][rows]
+    found = listen({**record, **held}, make(), 1)
+    sure = (found["trusted"] == 1.0) & (found["time"] > 3.0)
+    assert sure[-1]
+    np.testing.assert_allclose(found["lash_size"][sure], SIZE, rtol=0.03)
+
+
+@pytest.mark.parametrize("milliseconds", [10, 1])
+def test_a_speed_that_stands_in_its_bits_is_measured_all_the_same(milliseconds):
+    """0.25 1/min and 0.005 rad/s: many frames repeat the last value to the bit, and all of them count."""
+    record = driven(250.0, count=4)
+    bits = {name: np.round(record[name] / bit) * bit for name, bit in (("engine_speed", 0.026), ("wheel_speed", 0.005))}
+    assert (np.diff(bits["wheel_speed"][::milliseconds]) == 0.0).mean() > 0.1
+    found = listen({**record, **bits}, make(), milliseconds)
+    sure = (found["trusted"] == 1.0) & (found["time"] > 3.0)
+    assert sure.mean() > 0.5
+    np.testing.assert_allclose(found["lash_size"][sure], SIZE, rtol=0.03)
+    np.testing.assert_array_equal(found["trusted"][found["time"] > 3.0], 1.0)
+
+
 def test_covariances_stay_symmetric_and_positive():
     record = driven(400.0, 1.0, 2, high=120.0)
     observer = make()
