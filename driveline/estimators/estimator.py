@@ -84,6 +84,9 @@ FRAME_INPUTS = (
 )
 
 
+FRAME = len(FRAME_INPUTS)
+
+
 def estimate(name: str, unit: str, meaning: str, nominal: float | None = None) -> Variable:
     """An output of an estimator."""
     return Variable(name, unit, meaning, "output", "discrete", nominal=nominal)
@@ -93,9 +96,10 @@ class Estimator(KernelModel):
     """A step function over frames behind the model boundary.
 
     A frame is taken in at every multiple of ``sampling.period`` that a communication step reaches;
-    between them the outputs are held, so the communication step may be shorter, or a multiple.
-    Inputs may be anything: what is not a plausible number counts as a missing frame. After a run has
-    left the finite numbers for whatever reason, an estimator starts anew with the next good frame.
+    between them the outputs are held. Of several frames in one communication step only the last has
+    measurements, the others are missing: what is set once was measured once. Inputs may be anything: what
+    is not a plausible number counts as a missing frame. After a run has left the finite numbers for
+    whatever reason, an estimator starts anew with the next good frame.
 
     Subclasses give ``Parameters``, ``inputs``, ``output_variables``, ``entry_point`` (name of the
     step's kernel), ``constants``, ``state_size``, ``work_size`` and the ``flank`` on which they need the
@@ -138,6 +142,7 @@ class Estimator(KernelModel):
         # frames taken in so far, then the kernel's own state
         self.state = np.zeros(1 + self.state_size)
         self._work = np.zeros(self.work_size)
+        self._warned = False
         self._run = self._kernel.bind(self.state, self._constants, self._work, self._inputs, self._outputs)
 
     def _initialize(self, start_time: float) -> None:
@@ -147,7 +152,19 @@ class Estimator(KernelModel):
 
     def _step(self, time: float, dt: float) -> None:
         reached = np.floor((time + dt) / self._period + 1e-6)
-        while self.state[0] < reached:
+        if self.state[0] + 1.0 < reached:
+            if not self._warned:
+                self._warned = True
+                self.log.append(
+                    f"a communication step of {dt:g} s holds several frames of {self._period:g} s: only the last is "
+                    "measured, the others are missing. Set sampling.period to the communication step, or step shorter")
+            came = self._inputs[:FRAME].copy()
+            self._inputs[:FRAME] = np.nan
+            while self.state[0] + 1.0 < reached:
+                self.state[0] += 1.0
+                self._run(self.state[0] * self._period)
+            self._inputs[:FRAME] = came
+        if self.state[0] < reached:
             self.state[0] += 1.0
             self._run(self.state[0] * self._period)
 
