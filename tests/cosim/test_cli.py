@@ -160,14 +160,12 @@ def test_the_truth_lies_beside_the_folder_however_it_is_written(tmp_path, monkey
 @pytest.mark.skipif(os.name != "posix", reason="sends signals")
 @pytest.mark.parametrize(("number", "code"), [("SIGINT", 130), ("SIGTERM", 143), ("SIGHUP", 129)])
 def test_ctrl_c_and_whatever_else_ends_a_run_leaves_a_readable_partial_result(folder, number, code):
-    process = subprocess.Popen(
-        [sys.executable, "-m", "cosim.cli", "run", "long.toml", "--out", f"part_{code}", "--json"],
-        cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    line = process.stderr.readline()  # the notices come when everything is put together
-    assert "not connected" in line
-    time.sleep(1.0)
-    process.send_signal(getattr(signal, number))
-    out, err = process.communicate(timeout=60)
+    with _started(folder, "run", "long.toml", "--out", f"part_{code}", "--json") as process:
+        line = process.stderr.readline()  # the notices come when everything is put together
+        assert "not connected" in line
+        time.sleep(1.0)
+        process.send_signal(getattr(signal, number))
+        out, err = process.communicate(timeout=60)
     assert process.returncode == code, err
     assert out == ""
     assert "interrupted at t = " in err
@@ -183,16 +181,27 @@ def test_ctrl_c_and_whatever_else_ends_a_run_leaves_a_readable_partial_result(fo
 def test_a_diagnosis_that_is_terminated_leaves_nothing_and_nobody(tmp_path, number):
     """Neither a folder with half of it nor workers, as `timeout` or a batch system ends it."""
     hide(["shaft_stiffness=0.75"], 1, tmp_path / "m", manoeuvres=["tip_in:5", "tip_in:5"])
-    process = subprocess.Popen(
-        [sys.executable, "-m", "cosim.cli", "diagnose", "m", "--out", "o", "--workers", "2", "--no-fmu"],
-        cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True)
-    workers = _wait(lambda: len(_of_session(process.pid)) > 2 and _of_session(process.pid))
-    process.send_signal(getattr(signal, number))
-    _, err = process.communicate(timeout=60)
+    with _started(tmp_path, "diagnose", "m", "--out", "o", "--workers", "2", "--no-fmu") as process:
+        workers = _wait(lambda: len(_of_session(process.pid)) > 2 and _of_session(process.pid))
+        process.send_signal(getattr(signal, number))
+        _, err = process.communicate(timeout=60)
     assert process.returncode == 128 + getattr(signal, number) and err.splitlines()[-1] == "driveline: terminated"
     assert "Traceback" not in err
     assert len(workers) > 2 and _wait(lambda: not _of_session(process.pid))
     assert [path.name for path in tmp_path.iterdir()] == ["m"]
+
+
+@contextlib.contextmanager
+def _started(folder, *arguments):
+    """The command in a process and a session of its own, to which signals come also where the tests run under nohup."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "cosim.cli", *arguments], cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        text=True, start_new_session=True, preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_DFL))
+    try:
+        yield process
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
 
 
 def _of_session(number):
