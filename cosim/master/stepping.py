@@ -255,9 +255,10 @@ def _interruptions() -> Iterator[list[int]]:
     if threading.current_thread() is not threading.main_thread():
         yield interrupted
         return
-    ending = (getattr(signal, name, None) for name in ("SIGINT", "SIGTERM", "SIGHUP"))
-    before = {number: handler for number in ending if number is not None
-              if callable(handler := signal.getsignal(number))}
+    others = (getattr(signal, name, None) for name in ("SIGTERM", "SIGHUP"))
+    before = {signal.SIGINT: signal.getsignal(signal.SIGINT)}
+    before |= {number: handler for number in others
+               if number is not None and callable(handler := signal.getsignal(number))}
 
     def note(number: int, _frame: object) -> None:
         interrupted.append(number)
