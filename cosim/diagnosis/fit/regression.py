@@ -66,8 +66,8 @@ def remaining(change: np.ndarray) -> Remaining | None:
     """What is left of errors in pairs of blocks; None for fewer than ``_FEWEST``.
 
     Blocks are a first order process of unknown mean, size and memory. How alike neighbours are shows in a dozen blocks
-    far too weakly to be put in as if it were known, so the mean is averaged over all memories, each weighed by the
-    likelihood of the contrasts between blocks (restricted likelihood, Harville 1974).
+    far too weakly to be put in as if it were known, so what their mean is worth is averaged over all memories, each
+    weighed by the likelihood of the contrasts between blocks (restricted likelihood, Harville 1974).
 
     Args:
         change: Logarithm of the ratio of root mean squares, block by block.
@@ -78,33 +78,30 @@ def remaining(change: np.ndarray) -> Remaining | None:
     mean = float(change.mean())
     if not np.ptp(change) > np.finfo(float).eps * max(1.0, abs(mean)):
         return Remaining(*[float(np.exp(mean))] * 3, count, float(count))
-    means, errors, weights, alone = np.array([_with_memory(change, memory) for memory in _MEMORIES]).T
+    errors, weights, alone = np.array([_with_memory(change, memory) for memory in _MEMORIES]).T
     weights = np.exp(weights - weights.max())
     weights /= weights.sum()
-    reach = float(np.max(np.abs(means - mean) + _FARTHEST * errors))
 
-    def quantile(share: float) -> float:
-        def above(x: float) -> float:
-            return float(weights @ student.cdf((x - means) / errors, count - 1)) - share
+    def beyond(reach: float) -> float:
+        return float(weights @ student.sf(reach / errors, count - 1)) - 0.025
 
-        return brentq(above, mean - reach, mean + reach)
-
-    return Remaining(*(float(np.exp(x)) for x in (weights @ means, quantile(0.025), quantile(0.975))), count,
+    reach = brentq(beyond, 0.0, _FARTHEST * errors.max())
+    return Remaining(*(float(np.exp(mean + side * reach)) for side in (0.0, -1.0, 1.0)), count,
                      float(1.0 / (weights @ (1.0 / alone))))
 
 
-def _with_memory(change: np.ndarray, memory: float) -> tuple[float, float, float, float]:
-    """Of a stationary first order process: mean, its standard error, log restricted likelihood, blocks that count."""
-    share = np.full(change.size, (1.0 - memory) ** 2)
+def _with_memory(change: np.ndarray, memory: float) -> tuple[float, float, float]:
+    """Of a stationary first order process: standard error of its mean, log restricted likelihood, blocks that count."""
+    count, drift = change.size, 1.0 - memory**2
+    share = np.full(count, (1.0 - memory) ** 2)
     share[[0, -1]] = 1.0 - memory
-    drift = 1.0 - memory**2
-    alone = float(share.sum() / drift)
-    mean = float(share @ change / share.sum())
-    e = change - mean
+    e = change - float(share @ change / share.sum())  # from the mean that is likeliest with that memory
     square = float(e[0] ** 2 + np.sum((e[1:] - memory * e[:-1]) ** 2) / drift)
-    free = change.size - 1
-    likelihood = -0.5 * (free * np.log(drift) + np.log(alone) + free * np.log(square))
-    return mean, float(np.sqrt(square / free / alone)), float(likelihood), alone
+    free = count - 1
+    likelihood = -0.5 * (free * np.log(drift) + np.log(share.sum() / drift) + free * np.log(square))
+    lags = np.arange(1, count)
+    alone = count / (1.0 + 2.0 * float((1.0 - lags / count) @ memory**lags))
+    return float(np.sqrt(square / free / alone)), float(likelihood), alone
 
 
 def dependence(errors: np.ndarray, lags: int = 10) -> float:
