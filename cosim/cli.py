@@ -11,15 +11,14 @@ import contextlib
 import json
 import logging
 import os
-import signal
 import sys
 import tempfile
-import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from cosim import ending
 from cosim.diagnosis.judge.finding import (
     balances,
     driven,
@@ -39,19 +38,6 @@ _PARTIAL = ("result_partial.csv", "result_partial.json", "result_partial.parquet
 _SHOWN = ("signals.png", "comparison.json", "comparison.png")  # what is shown of a result
 _DIAGNOSED = ("finding.json", "report.html", "extended.toml", "*_extended.fmu")  # what a diagnosis writes
 _OK, _FAILED, _WRONG_INPUT, _INTERRUPTED = 0, 1, 2, 130
-_ENDING = ("SIGTERM", "SIGHUP")  # of a batch system, a container or a terminal
-
-
-class Ended(KeyboardInterrupt):
-    """A signal asked the process to end.
-
-    Attributes:
-        code: With which it does.
-    """
-
-    def __init__(self, number: int, message: str) -> None:
-        super().__init__(message)
-        self.code = 128 + number
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -65,7 +51,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for own in ("cosim", "driveline"):  # libraries say only what is wrong
         logging.getLogger(own).setLevel(logging.WARNING if options.quiet else logging.INFO)
     try:
-        with _cleaned_up(), _standard_output(options.json) as write:
+        with ending.in_order(), _standard_output(options.json) as write:
             answer, text = options.command(options)
             write(json.dumps(answer, indent=2, default=str) if options.json else text)
         return _OK
@@ -86,30 +72,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _say(message: object, code: int) -> int:
     print(f"driveline: {message}", file=sys.stderr)
     return code
-
-
-@contextlib.contextmanager
-def _cleaned_up() -> Iterator[None]:
-    """Whoever asks this process to end has it end as by Ctrl-C: nothing half-written stays, and no worker."""
-    if threading.current_thread() is not threading.main_thread():  # which alone hears of it
-        yield
-        return
-    own = os.getpid()
-
-    def end(number: int, _: object) -> None:
-        # a worker has this from the process it was forked from, which ends it in order
-        if os.getpid() == own:
-            raise Ended(number, "terminated")
-
-    numbers = [number for name in _ENDING if (number := getattr(signal, name, None)) is not None
-               and signal.getsignal(number) == signal.SIG_DFL]  # not what is ignored, as by nohup
-    for number in numbers:
-        signal.signal(number, end)
-    try:
-        yield
-    finally:
-        for number in numbers:
-            signal.signal(number, signal.SIG_DFL)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -259,7 +221,8 @@ def _run(options: argparse.Namespace) -> tuple[Any, str]:
                 raise
             _save(error.result, out, _PARTIAL)  # beside the whole result of an earlier run, which is not less for it
             where = f"{error}; what was recorded until then is in {out / _PARTIAL[0]}"
-            raise (Ended(error.number, where) if isinstance(error, Interrupted) else SimulationError(where)) from error
+            ended = isinstance(error, Interrupted)
+            raise (ending.Ended(error.number, where) if ended else SimulationError(where)) from error
         seconds = time.perf_counter() - began
         _save(result, out, _RESULT)
         for old in (*_PARTIAL, *_SHOWN):  # would be taken for something of this run

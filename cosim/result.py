@@ -110,11 +110,10 @@ class Result:
             units, provenance, complete = (metadata[key] for key in ("units", "provenance", "complete"))
         except (KeyError, TypeError, OSError, ValueError, polars.exceptions.PolarsError) as error:
             raise InputError(f"{path} is not a result of this package: {error}") from error
-        headers = dict.fromkeys(["time", *units]) if path.suffix == ".parquet" else _headers(units)
-        names = {header or name: name for name, header in headers.items()}
-        if odd := set(names).symmetric_difference(frame.columns):
+        headers = {name: name for name in ("time", *units)} if path.suffix == ".parquet" else _headers(units)
+        if odd := set(headers.values()).symmetric_difference(frame.columns):
             raise InputError(f"{path} does not have the columns that its metadata name: {', '.join(sorted(odd))}")
-        columns = {name: frame[header].to_numpy() for header, name in names.items()}
+        columns = {name: frame[header].to_numpy() for name, header in headers.items()}
         return cls(columns.pop("time"), columns, units, provenance, complete)
 
     def _units(self) -> dict[str, str]:

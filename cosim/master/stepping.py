@@ -18,6 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cosim.ending import asking
 from cosim.master.clock import PER_SECOND, Clock
 from cosim.master.participants import Participant, SimulationError
 from cosim.signals import Signal
@@ -255,10 +256,8 @@ def _interruptions() -> Iterator[list[int]]:
     if threading.current_thread() is not threading.main_thread():
         yield interrupted
         return
-    others = (getattr(signal, name, None) for name in ("SIGTERM", "SIGHUP"))
     before = {signal.SIGINT: signal.getsignal(signal.SIGINT)}
-    before |= {number: handler for number in others
-               if number is not None and callable(handler := signal.getsignal(number))}
+    before |= {number: handler for number in asking() if callable(handler := signal.getsignal(number))}
 
     def note(number: int, _frame: object) -> None:
         interrupted.append(number)
