@@ -31,7 +31,7 @@ from benchmarks.blind.reading import NOTHING, forecasts, is_right
 from benchmarks.blind.score import score
 from cosim.diagnosis.hidden import VEHICLE
 from cosim.files import write_text
-from cosim.studies.sweep import cores
+from cosim.workers import cores
 from driveline.quantities import InputError
 
 

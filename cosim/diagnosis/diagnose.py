@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import logging
-import os
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -45,6 +44,7 @@ from cosim.diagnosis.search.identify import Search
 from cosim.diagnosis.show.residuals import wrong
 from cosim.files import write_text
 from cosim.measured import Measurement, load
+from cosim.workers import cores
 
 log = logging.getLogger("cosim")
 _TOLD = 1.0  # N.m.s: impulse that may be lost where frames are, from which on that is said
@@ -124,7 +124,7 @@ def diagnose(path: Path, out: Path | None = None, *, vehicle: str | None = None,
     if isinstance(car, RigidPlant):
         _bench(diagnosis, car, out, say)
     else:
-        _driveline(diagnosis, car, out, workers or len(os.sched_getaffinity(0)), say, build)
+        _driveline(diagnosis, car, out, workers or cores(), say, build)
     for cause in diagnosis.finding["causes"]:
         for p in CATALOGUE[cause["effect"]].parameters:
             if p.name in cause["parameters"] and p.targets[0] in taken_out:

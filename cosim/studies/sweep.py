@@ -14,8 +14,6 @@ import hashlib
 import itertools
 import json
 import logging
-import multiprocessing
-import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
@@ -28,6 +26,7 @@ import numpy as np
 
 import driveline
 from cosim.files import write_text
+from cosim.workers import cores, pool
 from driveline.quantities import InputError
 
 log = logging.getLogger("cosim")
@@ -134,21 +133,15 @@ class Sweep:
             yield lambda cases: ((case, case.run) for case in cases)
             return
         _compile()  # once, before all of them want to
-        # started anew, not forked: this process may have threads, and then a copy of it may hang
-        pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"))
+        several = pool(workers)
         try:
-            yield functools.partial(_as_completed, pool)
+            yield functools.partial(_as_completed, several)
         finally:
-            pool.shutdown(wait=True, cancel_futures=True)
+            several.shutdown(wait=True, cancel_futures=True)
 
 
-def cores() -> int:
-    """How many cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def _as_completed(pool: ProcessPoolExecutor, cases: Sequence[Case]) -> Iterator[tuple[Case, Callable]]:
-    futures: dict[Future, Case] = {pool.submit(case.run): case for case in cases}
+def _as_completed(several: ProcessPoolExecutor, cases: Sequence[Case]) -> Iterator[tuple[Case, Callable]]:
+    futures: dict[Future, Case] = {several.submit(case.run): case for case in cases}
     for future in as_completed(futures):
         yield futures[future], future.result
 

@@ -10,7 +10,8 @@ from benchmarks.blind import reading
 from benchmarks.blind.cases import cases
 from benchmarks.blind.failures import line
 from benchmarks.blind.run import examined
-from cosim.studies.sweep import Case, Sweep, cores
+from cosim.studies.sweep import Case, Sweep
+from cosim.workers import cores
 
 # those that take longest first, so that no process is left alone with one of them in the end
 CHOSEN = ("pair-012", "outside-004", "single-002", "pair-008", "single-001", "single-004", "single-015", "single-014",

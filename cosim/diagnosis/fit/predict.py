@@ -9,7 +9,6 @@ angle whose phase nobody knows.
 
 from __future__ import annotations
 
-import multiprocessing
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
@@ -18,12 +17,14 @@ from typing import TypeVar
 
 import numpy as np
 from scipy.interpolate import CubicSpline
+from threadpoolctl import threadpool_limits
 
 from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.effect import Effect, EffectParameter, Values, factor, scaled
 from cosim.diagnosis.fit.noise import WANDER, bends, floor, wander
 from cosim.diagnosis.plants import STEP, FullOrderCar, Nuisance, Run
 from cosim.diagnosis.plants.hats import MEMORY, comb, fast, hats, lasting, parted, teeth
+from cosim.workers import pool
 from driveline.quantities import InputError
 
 Job, Result = TypeVar("Job"), TypeVar("Result")
@@ -183,8 +184,7 @@ class Predictor:
 
     def __enter__(self) -> Predictor:
         if self.workers > 1:
-            self._pool = ProcessPoolExecutor(self.workers, multiprocessing.get_context("fork"),
-                                             _take, (self.car, self.runs, self.coordinates))
+            self._pool = pool(self.workers, _take, (self.car, self.runs, self.coordinates), copied=True)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -427,6 +427,7 @@ _OWN: Predictor | None = None  # of a worker process
 
 def _take(car: FullOrderCar, runs: Sequence[Run], coordinates: Sequence[Coordinate]) -> None:
     global _OWN
+    threadpool_limits(1)  # as in the process that a copy is of
     _OWN = Predictor(car, runs, coordinates)
 
 

@@ -84,7 +84,10 @@ def test_what_the_file_has_of_an_effect_can_be_taken_away(car_and_run):
     assert values == pytest.approx(other.values | dict.fromkeys(had, 0.0))
 
 
-def test_several_processes_say_the_same(car_and_run):
+@pytest.mark.parametrize("copies", [True, False])
+def test_several_processes_say_the_same(car_and_run, monkeypatch, copies):
+    """Also where the system has no copies of a process, as Windows."""
+    monkeypatch.setattr("cosim.workers.COPIES", copies)
     car, run = car_and_run
     declared = coordinates(car, [run])
     zero = np.zeros(len(declared))
