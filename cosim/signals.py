@@ -20,6 +20,9 @@ INTERPOLATIONS = ("linear", "hold")
 _TEXTS = ("unit", "interpolation")
 _TIMES = ("time", "duration", "time_constant", "period", "width", "times")
 _LISTS = ("times", "data")
+# [s]: half the clock's nanosecond. "350 ms" is another double than the clock's 0.35, and so is what a logger's clock
+# gives: without it whatever jumps there would jump a whole step later.
+_SAME = 0.5e-9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,7 +68,7 @@ class Constant(Signal):
 
 @dataclass(frozen=True, kw_only=True)
 class Step(Signal):
-    """``before``, and from ``time`` [s] on ``after``."""
+    """``before``, and from ``time`` [s], to the nearest nanosecond, on ``after``."""
 
     kind: ClassVar[str] = "step"
     before: float
@@ -73,7 +76,7 @@ class Step(Signal):
     time: float
 
     def values(self, time: np.ndarray) -> np.ndarray:
-        return np.where(time < self.time, float(self.before), float(self.after))
+        return np.where(time < self.time - _SAME, float(self.before), float(self.after))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,7 +157,7 @@ class Table(Signal):
     Attributes:
         times: Instants [s], increasing.
         data: One value for each instant.
-        interpolation: ``linear`` between the instants, or ``hold`` the last one.
+        interpolation: ``linear`` between the instants, or ``hold`` the last one, to the nearest nanosecond.
     """
 
     kind: ClassVar[str] = "table"
@@ -183,7 +186,7 @@ class Table(Signal):
     def values(self, time: np.ndarray) -> np.ndarray:
         if self.interpolation == "linear":
             return np.interp(time, self.times, self.data)
-        return self.data[np.maximum(np.searchsorted(self.times, time, side="right") - 1, 0)]
+        return self.data[np.maximum(np.searchsorted(self.times, time + _SAME, side="right") - 1, 0)]
 
 
 KINDS: dict[str, type[Signal]] = {
