@@ -7,6 +7,7 @@ the two mistakes that rotating machinery invites most.
 from __future__ import annotations
 
 import functools
+import math
 import numbers
 import re
 from collections.abc import Mapping
@@ -97,16 +98,22 @@ def conversion(source: str, target: str) -> tuple[float, float]:
     """Factor and offset with ``value_in_target = factor * value_in_source + offset``.
 
     Raises:
-        InputError: A unit is unknown, or the two do not measure the same thing.
+        InputError: A unit is unknown, the two do not measure the same thing, or one is a level as the dB, between
+            which and a number there is no such line.
     """
     if source == target:
         if source in _ambiguous:
             parse(source)
         return 1.0, 0.0
-    quantity = registry().Quantity
+
+    def converted(number: float) -> float:
+        return float(registry().Quantity(number, parse(source)).to(parse(target)).magnitude)
+
     try:
-        zero = float(quantity(0.0, parse(source)).to(parse(target)).magnitude)
-        one = float(quantity(1.0, parse(source)).to(parse(target)).magnitude)
+        one, two, three = map(converted, (1.0, 2.0, 3.0))
+        if not math.isclose(two - one, three - two, rel_tol=1e-6):
+            raise InputError(f"'{source}' cannot be converted to '{target}': one is the logarithm of the other")
+        zero = converted(0.0)
     except pint.DimensionalityError as error:
         raise InputError(f"'{source}' cannot be converted to '{target}'") from error
     return (one, 0.0) if zero == 0.0 else (one - zero, zero)

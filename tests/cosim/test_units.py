@@ -34,6 +34,13 @@ def test_what_measures_something_else_is_refused(source, target):
         units.conversion(source, target)
 
 
+@pytest.mark.parametrize(("source", "target"), [("dB", "1"), ("1", "dB"), ("dBm", "W"), ("Np", "1")])
+def test_a_level_is_no_multiple_of_anything(source, target):
+    with pytest.raises(InputError, match="cannot be converted to .*: one is the logarithm of the other"):
+        units.conversion(source, target)
+    assert units.conversion(source, source) == (1.0, 0.0)
+
+
 @pytest.mark.parametrize("text", ["rpn", "N..m", "furlong per", "(", "5"])
 def test_an_unknown_unit_is_named(text):
     with pytest.raises(InputError, match=r"unknown unit|cannot be converted"):
