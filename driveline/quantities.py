@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import Any
 
 WHOLE = (-2**31, 2**31 - 1)  # what an integer of FMI 2.0, which has 32 bits, can be
+_POSSIBLE = {"integer": WHOLE, "boolean": (0, 1)}
 _ANY = (-math.inf, math.inf)
 
 
@@ -54,8 +55,8 @@ class Variable:
 
     @property
     def range(self) -> tuple[float, float]:
-        """Smallest and largest value that is possible: as declared, and for an integer what its 32 bits hold."""
-        low, high = WHOLE if self.kind == "integer" else _ANY
+        """Smallest and largest value that is possible: as declared, and what an integer's 32 bits hold, or 0 and 1."""
+        low, high = _POSSIBLE.get(self.kind, _ANY)
         return (low if self.minimum is None or self.minimum < low else self.minimum,
                 high if self.maximum is None or self.maximum > high else self.maximum)
 

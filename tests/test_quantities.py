@@ -86,8 +86,16 @@ def test_the_message_says_what_would_be_right(value, said):
 def test_a_count_must_be_whole(kind):
     variable = Variable("gear", "1", "engaged gear", kind=kind)
     variable.check(1.0)
-    with pytest.raises(InputError, match="gear is 1.5.*whole number"):
-        variable.check(1.5)
+    with pytest.raises(InputError, match="gear is 0.5.*whole number"):
+        variable.check(0.5)
+
+
+def test_a_truth_value_is_0_or_1_whatever_is_declared():
+    free, declared = Variable("on", "1", "", kind="boolean"), Variable("on", "1", "", kind="boolean", minimum=1)
+    assert free.range == (0, 1) and declared.range == (1, 1)
+    for value, said in ((2.0, "2: at most 1"), (-1.0, "-1: at least 0")):
+        with pytest.raises(InputError, match=f"on is {said}"):
+            free.check(value)
 
 
 def test_a_wrong_input_is_a_value_error():

@@ -443,6 +443,13 @@ def test_all_integers_of_32_bits_arrive(strict_fmu, value):
     assert (result["s.n"] == value).all() and (result["s.count"] == value).all()
 
 
+@pytest.mark.parametrize(("value", "words"), [(2, "on is 2: at most 1"), ("-1", "on is -1: at least 0")])
+def test_what_is_no_truth_value_is_refused_by_name(foreign_fmus, value, words):
+    """It would have counted as true, as -1 and 2 do in C, and the result would have said 2."""
+    with pytest.raises(InputError, match=words):
+        Master(step=0.1).add("f", foreign_fmus / "worded.fmu", parameters={"on": value})
+
+
 # ---- Ctrl-C ----
 
 def test_ctrl_c_leaves_a_partial_result_that_can_be_read(tmp_path):
