@@ -139,24 +139,28 @@ class Loop:
                 masks[times == clock.stop] |= _LAST
                 values = self._signal_values(times / PER_SECOND)
                 first = recording.count
-                for now, mask, signal_row in zip(times.tolist(), masks.tolist(), values):
-                    if interrupted:
-                        return interrupted[0]
-                    plan = plans.get(mask)
-                    if plan is None:
-                        plan = plans[mask] = self._plan(mask)
-                    for refresh, advance, back, step, read in plan.finish:
-                        if refresh is not None:
-                            refresh()
-                        advance((now - back) / PER_SECOND, step)
-                        if read is not None:
-                            read()
-                    varying[:] = signal_row
-                    for sample in plan.sample:
-                        sample()
-                    if plan.record:
-                        bus.take(recorded, out=rows[recording.count], mode="clip")
-                        recording.count += 1
+                try:
+                    for now, mask, signal_row in zip(times.tolist(), masks.tolist(), values):
+                        if interrupted:
+                            return interrupted[0]
+                        plan = plans.get(mask)
+                        if plan is None:
+                            plan = plans[mask] = self._plan(mask)
+                        for refresh, advance, back, step, read in plan.finish:
+                            if refresh is not None:
+                                refresh()
+                            advance((now - back) / PER_SECOND, step)
+                            if read is not None:
+                                read()
+                        varying[:] = signal_row
+                        for sample in plan.sample:
+                            sample()
+                        if plan.record:
+                            bus.take(recorded, out=rows[recording.count], mode="clip")
+                            recording.count += 1
+                except SimulationError:
+                    self._check_finite(first)  # what was recorded before may be why
+                    raise
                 self._check_finite(first)
                 if progress is not None:
                     progress(now / PER_SECOND)

@@ -326,6 +326,19 @@ def test_a_value_that_is_not_finite_is_named(foreign_fmu):
     assert caught.value.result.time[-1] == pytest.approx(0.3)
 
 
+def test_the_source_of_what_is_not_finite_is_named_not_whoever_refuses_it(foreign_fmu):
+    """Within one block of instants, before what was recorded in it is looked at."""
+    master = Master(step=0.1).add("f", foreign_fmu).add("a", lag())
+    master.connect(Step(before=0.0, after=-1.0, time=0.25), "f.level").connect("f.root", "a.u")
+    with pytest.raises(SimulationError, match=r"^f.root is not finite at t = 0.4 s$") as caught:
+        master.run(stop=1.0)
+    assert np.isfinite(caught.value.result["f.root"]).all()
+    assert caught.value.result.time.tolist() == [0.0, 0.1, 0.2, 0.3]
+    master.record("a.y")
+    with pytest.raises(SimulationError, match=r"^a at t = 0.4 s: u is nan"):
+        master.run(stop=1.0)
+
+
 # ---- what an FMU says ----
 
 @pytest.mark.parametrize(("parameters", "u", "words"), [
