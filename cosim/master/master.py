@@ -102,6 +102,8 @@ class Master:
             participant = FmuParticipant(name, find_fmu(what))
         else:
             participant = what
+        if participant.name != name:
+            raise InputError(f"participant '{name}' was made as '{participant.name}': one name for both is needed")
         for other, member in self._members.items():
             if _owner_of_state(member.participant) is _owner_of_state(participant):
                 raise InputError(f"participant '{name}' is '{other}' already: an instance of its own is needed, as "

@@ -507,6 +507,7 @@ def pair():
     (lambda: pair().run(stop=0.0), "later stop"),
     (lambda: pair().add("a", lag()), "not taken"),
     (lambda: pair().add("a.b", lag()), "without a dot"),
+    (lambda: pair().add("c", ModelParticipant("d", lag())), "participant 'c' was made as 'd': one name"),
     (lambda: pair().add("c", "no_such_fmu"), "no_such_fmu"),
     (lambda: pair().add("c", "gone.fmu"), "there is no FMU gone.fmu"),
     (lambda: pair().add("c", lag(), parameters={"time_konstant": 1}), "did you mean 'time_constant'"),
