@@ -15,6 +15,7 @@ from __future__ import annotations
 import ctypes
 import json
 import os
+import struct
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -27,6 +28,7 @@ from driveline.model import HOST_TELLS
 
 MODEL_FILE = "model.json"
 _BEFORE, _RUNNING, _INITIALIZING = range(3)  # phases, as snapshots have them
+_HEAD = struct.Struct("<Bd")  # of a snapshot
 
 
 class SlaveError(Exception):
@@ -209,20 +211,21 @@ class ModelSlave(Fmi2Slave):
         except Exception as error:
             self._fail(error)
 
-    # ---- snapshots: one byte for the phase, then the model to the bit ----
+    # ---- snapshots: phase and start time, which the end of the initialization needs, then the model to the bit ----
 
     def _get_fmu_state(self) -> bytes:
         try:
-            return bytes([self._phase]) + self.model.save()
+            return _HEAD.pack(self._phase, self.start_time) + self.model.save()
         except Exception as error:
             self._fail(error)
 
     def _set_fmu_state(self, state: bytes) -> None:
         try:
-            self.model.restore(state[1:])
+            self.model.restore(state[_HEAD.size:])
         except Exception as error:
             self._fail(error)
-        self._enter(state[0])
+        phase, self.start_time = _HEAD.unpack_from(state)
+        self._enter(phase)
 
     @staticmethod
     def _fmu_state_to_bytes(state: bytes) -> bytes:

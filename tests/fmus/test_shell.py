@@ -210,6 +210,21 @@ def test_snapshot_from_the_initialization(fmus, load):
     assert host.outputs() == faster
 
 
+def test_snapshot_from_the_initialization_holds_the_start_time(fmus, load):
+    """Also for an instance that was never told one: an estimator that began at 0 would miss all frames before 5 s."""
+    host, other = load(fmus["dskse"]), load(fmus["dskse"])
+    host.setupExperiment(startTime=5.0)
+    host.enterInitializationMode()
+    other.setFMUState(other.deserializeFMUState(host.serializeFMUState(host.getFMUState())))
+    rows = []
+    for each in (host, other):
+        each.exitInitializationMode()
+        each["engine_torque"], each["engine_speed"], each["wheel_speed"] = 100.0, 150.0, 30.0
+        rows.append(each.run(500, 3))
+    assert rows[0] == rows[1] and rows[0][0] != rows[0][1]
+    assert host.messages == other.messages == []
+
+
 def test_what_cannot_be_initialized_yet_is_told_at_the_end_of_initialization(toy, load):
     host = load(toy.fmu)
     host.setupExperiment()
@@ -235,6 +250,11 @@ def test_foreign_bytes_are_refused(toy, load):
     host.initialize()
     state = host.deserializeFMUState(b"\x01 not a snapshot")
     assert "not a saved state of toy" in failure(host, host.setFMUState, state)
+
+
+def test_too_few_bytes_are_refused(toy, load):
+    host = load(toy.fmu)
+    assert "not a saved state of toy" in failure(host, host.setFMUState, host.deserializeFMUState(b"\x01"))
 
 
 def test_snapshot_goes_on_in_a_new_process(toy, load, go_on_elsewhere):
