@@ -19,6 +19,7 @@ from driveline.vehicles import load
 STOP = 1.0
 STEP = 1e-3
 REQUEST = (-30.0, 200.0)
+SUBSTEPS = (4e-4, 2.5e-4, 2e-4, 1.25e-4, 6.25e-5, 3.125e-5)
 
 
 def plant(substep: float) -> FullOrderPlant:
@@ -111,7 +112,7 @@ def main() -> None:
           f"itself converged to {np.abs(coarse - exact).max() / peak:.1e} of the peak")
     print("sub-step [us]   error / peak   order")
     before = None
-    for substep in (4e-4, 2.5e-4, 2e-4, 1.25e-4, 6.25e-5, 3.125e-5):
+    for substep in SUBSTEPS:
         error = np.abs(trajectory(substep) - exact).max() / peak
         order = "" if before is None else f"{np.log(before[1] / error) / np.log(before[0] / substep):8.2f}"
         print(f"{substep * 1e6:13.2f}   {error:12.2e} {order}")
