@@ -106,7 +106,7 @@ class Loop:
     def initialize(self) -> None:
         """Open everybody, then initialize one after the other along the connections.
 
-        In a loop whoever comes first sees the start values of outputs that do not exist yet.
+        Within a loop whoever comes first sees the start values of outputs that do not exist yet.
         """
         clock, bus = self._clock, self._bus
         start, stop = clock.start / PER_SECOND, clock.stop / PER_SECOND
@@ -172,14 +172,24 @@ class Loop:
             seat.participant.close()
 
     def _in_order_of_initialization(self) -> list[tuple[Seat, Callable[[], None]]]:
-        """Sources before receivers where that is possible, else in the order given."""
+        """Sources before receivers; of those in one loop whoever was given first."""
         owner = {slot: position for position, seat in enumerate(self._seats)
                  for slot in range(seat.output_slots.start, seat.output_slots.stop)}
         waiting = {position: {owner[slot] for slot in seat.sources.tolist() if slot in owner} - {position}
                    for position, seat in enumerate(self._seats)}
+
+        def before(position: int) -> set[int]:
+            """Who still waits of its sources, of theirs and so on: in a loop itself too."""
+            found: set[int] = set()
+            further = {position}
+            while further:
+                further = {p for at in further for p in waiting[at] & waiting.keys()} - found
+                found |= further
+            return found
+
         ordered = []
         while waiting:
-            ready = next((p for p, sources in waiting.items() if not sources & waiting.keys()), min(waiting))
+            ready = next(p for p in waiting if all(p in before(source) for source in before(p)))
             del waiting[ready]
             ordered.append((self._seats[ready], self._samplers[ready]))
         return ordered

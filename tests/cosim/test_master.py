@@ -213,6 +213,19 @@ def test_start_values_travel_along_connections_whatever_the_order():
     assert result["b.y_speed"][0] == 2.0
 
 
+@pytest.mark.parametrize("names", ["abcd", "bcda", "dcba", "cadb"])
+def test_start_values_travel_out_of_a_loop_whatever_the_order(names):
+    """b and c are in one, a and d are led by it."""
+    master = Master(step=0.1)
+    for name in names:
+        master.add(name, lag(start_angle={"b": 1.0, "c": 1.0}.get(name, 0.0)))
+    for source, target in (("b", "c"), ("c", "b"), ("c", "a"), ("a", "d")):
+        master.connect(f"{source}.y", f"{target}.u")
+    result = master.run(stop=0.1)
+    assert result["a.y_speed"][0] == pytest.approx(10.0)  # of 1 rad in 0.1 s
+    assert result["d.y_speed"][0] == 0.0
+
+
 def test_unconnected_inputs_and_loops_are_said_aloud(caplog):
     caplog.set_level(logging.INFO, "cosim")
     master = Master(step=0.1).add("a", Chain(through=True)).add("b", Chain(through=True)).add("c", lag())
