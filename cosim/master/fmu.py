@@ -103,6 +103,10 @@ def _pythonfmu_finds(folder: Path) -> bool:
 class FmuParticipant:
     """One instance of an FMU.
 
+    Attributes:
+        folder: Where it is extracted: the same for the same content.
+        only_once: Whether it says that a process can have but one instance of it.
+
     Args:
         name: Its name in the run.
         path: The ``.fmu`` file.
@@ -113,9 +117,10 @@ class FmuParticipant:
 
     def __init__(self, name: str, path: str | Path) -> None:
         self.name, self.path = name, Path(path)
-        self._folder, self._digest = self._extract()
+        self.folder, self._digest = self._extract()
         self.description = self._read_description()
         self.variable_step = bool(self.description.coSimulation.canHandleVariableCommunicationStepSize)
+        self.only_once = bool(self.description.coSimulation.canBeInstantiatedOnlyOncePerProcess)
         self._references = {v.name: v.valueReference for v in self.description.modelVariables}
         self.variables, self.dependencies_declared = self._read_variables()
         self._slave: FMU2Slave | None = None
@@ -146,19 +151,19 @@ class FmuParticipant:
 
     def _read_description(self) -> Any:
         try:
-            description = fmpy.read_model_description(str(self._folder), validate=False)
+            description = fmpy.read_model_description(str(self.folder), validate=False)
         except Exception as error:  # FMPy raises plain exceptions for whatever it does not understand
             raise InputError(f"{self.name}: {self.path} is not an FMU: {error}") from error
         if description.fmiVersion != "2.0" or description.coSimulation is None:
             kind = "co-simulation" if description.coSimulation is not None else "model exchange only"
             raise InputError(f"{self.name}: {self.path} is FMI {description.fmiVersion}, {kind}: "
                              "an FMI 2.0 co-simulation FMU is needed")
-        platforms = fmpy.supported_platforms(str(self._folder))
+        platforms = fmpy.supported_platforms(str(self.folder))
         if fmpy.platform not in platforms:
             built = ', '.join(platforms) or 'nothing'
             raise InputError(f"{self.name}: {self.path} has binaries for {built}: "
                              f"{fmpy.platform} is needed")
-        if _is_pythonfmu(description) and not (self._folder / "resources" / "slavemodule.txt").is_file():
+        if _is_pythonfmu(description) and not (self.folder / "resources" / "slavemodule.txt").is_file():
             raise InputError(f"{self.name}: {self.path} is not whole: it has no resources/slavemodule.txt, without "
                              "which PythonFMU ends the process")
         return description
@@ -195,14 +200,14 @@ class FmuParticipant:
              input_buffer: np.ndarray, output_buffer: np.ndarray) -> None:
         self._fatal = self._running = False
         self._said.clear()
-        if _is_pythonfmu(self.description) and not _pythonfmu_finds(self._folder):
-            raise InputError(f"{self.name}: {self.path.name} lies in {self._folder}, where PythonFMU "
+        if _is_pythonfmu(self.description) and not _pythonfmu_finds(self.folder):
+            raise InputError(f"{self.name}: {self.path.name} lies in {self.folder}, where PythonFMU "
                              "does not find it and ends the process: set TMPDIR to a folder whose path has "
                              "only ASCII letters, digits, blanks and . _ - ~")
         try:
             _open[self.name] = self
             self._slave = FMU2Slave(
-                guid=self.description.guid, unzipDirectory=str(self._folder), instanceName=self.name,
+                guid=self.description.guid, unzipDirectory=str(self.folder), instanceName=self.name,
                 modelIdentifier=self.description.coSimulation.modelIdentifier)
             with _told():
                 self._slave.instantiate(callbacks=_callbacks, loggingOn=True)

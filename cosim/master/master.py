@@ -106,8 +106,10 @@ class Master:
             raise InputError(f"participant '{name}' was made as '{participant.name}': one name for both is needed")
         for other, member in self._members.items():
             if _owner_of_state(member.participant) is _owner_of_state(participant):
-                raise InputError(f"participant '{name}' is '{other}' already: an instance of its own is needed, as "
-                                 "the two would share one state")
+                cause = "an instance of its own is needed, as the two would share one state"
+                if isinstance(participant, FmuParticipant) and participant.only_once:
+                    cause = f"{participant.path.name} allows one instance a process"
+                raise InputError(f"participant '{name}' is '{other}' already: {cause}")
         values: dict[str, float | str] = {}
         if vehicle is not None:
             model = getattr(participant, "model_name", None) or str(getattr(what, "name", what))
@@ -332,7 +334,9 @@ class Master:
         }
 
 
-def _owner_of_state(participant: Participant) -> Model | Participant:
+def _owner_of_state(participant: Participant) -> Model | Participant | Path:
+    if isinstance(participant, FmuParticipant) and participant.only_once:
+        return participant.folder  # which all instances have in common
     return participant.model if isinstance(participant, ModelParticipant) else participant
 
 

@@ -583,6 +583,16 @@ def test_what_is_no_usable_fmu_is_refused_by_name(fmus, tmp_path, change, words)
         FmuParticipant("a", path)
 
 
+def test_an_fmu_that_allows_one_instance_a_process_takes_part_once(fmus, tmp_path):
+    """Two would share their memory, and each show numbers of the other."""
+    path = repacked(fmus / "lag.fmu", tmp_path / "single.fmu", lambda name, data: (
+        name, data.replace(b"<CoSimulation", b'<CoSimulation canBeInstantiatedOnlyOncePerProcess="true"')))
+    master = Master(step=0.1).add("a", path).add("b", fmus / "lag.fmu")
+    with pytest.raises(InputError, match=r"'c' is 'a' already: single.fmu allows one instance a process"):
+        master.add("c", path)
+    assert master.run(stop=0.2).complete
+
+
 @pytest.mark.parametrize(("at", "change"), [
     (30 + len("modelDescription.xml"), lambda byte: byte | 7),  # where its data begin: a block of no kind
     (6, lambda byte: byte | 1),  # the flag of an encrypted file
