@@ -102,7 +102,7 @@ class ModelParticipant:
         self.model.values[self._inputs] = self._input_buffer
         try:
             self.model.initialize(start_time)
-        except InputError as error:
+        except (ValueError, ArithmeticError) as error:  # nothing has run yet, so it is what it was given
             raise InputError(f"{self.name}: {error}") from error
         self._forward_log()
         self.read()

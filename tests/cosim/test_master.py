@@ -331,6 +331,18 @@ def test_a_failing_twin_says_the_same():
         master.run(stop=1.0)
 
 
+class Unsettled(toys.Lag):
+    """Possible parameters that together give no start, as a stiffness of 1e308 in the full-order plant."""
+
+    def _initialize(self, start_time):
+        raise ArithmeticError("lag at the start: y is no longer finite")
+
+
+def test_a_twin_that_cannot_compute_its_start_was_given_wrong_input_as_its_fmu_says():
+    with pytest.raises(InputError, match=r"^a: lag at the start: y is no longer finite"):
+        Master(step=0.1).add("a", Unsettled({})).run(stop=0.1)
+
+
 def test_a_value_that_is_not_finite_is_named(foreign_fmu):
     master = Master(step=0.1).add("f", foreign_fmu)
     master.connect(Step(before=0.0, after=-1.0, time=0.25), "f.level")
