@@ -118,8 +118,12 @@ class Master:
                 raise InputError(f"{name}: {why_strange(model, min(strange))}")
         period = self._step if step is None else clocks.step_length(step, f"step of {name}")
         self._members[name] = layouts.Member(participant, period, values)
-        for parameter, value in (parameters or {}).items():
-            self.set(f"{name}.{parameter}", value)
+        try:
+            for parameter, value in (parameters or {}).items():
+                self.set(f"{name}.{parameter}", value)
+        except InputError:
+            del self._members[name]  # so that it can be added again, put right
+            raise
         return self
 
     def variable(self, name: str) -> Variable:

@@ -568,6 +568,14 @@ def test_wrong_input_gets_one_clear_message(put_together, words):
     assert "\n" not in str(caught.value)
 
 
+def test_a_participant_that_was_refused_can_be_added_again():
+    master = Master(step=0.1)
+    with pytest.raises(InputError, match="did you mean 'time_constant'"):
+        master.add("a", lag(), parameters={"start_angle": 2.0, "time_konstant": 1.0})
+    result = master.add("a", lag(), parameters={"time_constant": 1.0}).run(stop=0.1)
+    assert result["a.y"].tolist() == [0.0, 0.0]
+
+
 def repacked(fmu, target, change):
     """A copy of an FMU with its model description (or the names of its files) changed."""
     with zipfile.ZipFile(fmu) as old, zipfile.ZipFile(target, "w") as new:
