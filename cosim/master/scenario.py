@@ -74,6 +74,10 @@ class Scenario:
             with file.at("fmu", name):
                 if ("file" in entry) == ("twin" in entry):
                     raise InputError("either file (an FMU) or twin (a model in process) is needed")
+        for signal, channel in table.get("compare", {}).items():
+            with file.at("compare", signal):
+                if not isinstance(channel, str):
+                    raise InputError(f"it is {channel!r}: the name of a channel is needed")
         self.title = table.get("title", self.name)
         self.manoeuvre = self._load_manoeuvre(measurement)
 
@@ -198,7 +202,7 @@ class Scenario:
 
     def _measured_value(self, entry: dict[str, Any]) -> str:
         """``{ measured = "vehicle_speed" }``: what was measured where the run starts."""
-        if set(entry) != {"measured"} or self.manoeuvre is None:
+        if set(entry) != {"measured"} or not isinstance(entry["measured"], str) or self.manoeuvre is None:
             raise InputError(f"the value is {entry!r}: a number, text with a unit, or with a [measurement] "
                              "also { measured = \"vehicle_speed\" } is needed")
         channel = self.manoeuvre[entry["measured"]]

@@ -208,6 +208,8 @@ def test_a_parameter_can_be_what_was_measured_at_the_start(folder):
         'start_angle = "10 deg"', "")
     with pytest.raises(InputError, match=r"start_angle: .*'1' cannot be converted to 'rad'"):
         Scenario.load(write(folder, text)).master()
+    with pytest.raises(InputError, match=r"start_angle: the value is {'measured': 5}: a number, text with a unit"):
+        Scenario.load(write(folder, text.replace('"gear" }', "5 }"))).master()
 
 
 @pytest.mark.parametrize(("old", "new", "words"), [
@@ -234,6 +236,8 @@ def test_a_parameter_can_be_what_was_measured_at_the_start(folder):
     ('"50 ms"', '"-50 ms"', r"line 11: fmu.a.parameters.time_constant: .*at least 1e-06"),
     ('"50 ms"', '"50 kg"', r"line 11: .*'kg' cannot be converted to 's'"),
     ('"50 ms"', "{ measured = 'gear' }", r"line 11: .*with a \[measurement\]"),
+    *(("[connections]", f'[compare]\n"a.y" = {channel}\n[connections]',
+       r"line 27: compare.a.y: it is .*: the name of a channel") for channel in ("5", '["gear"]', "{ a = 1 }")),
     ("step = 0.005", 'step = "fast"', r"fmu.b: step of b is 'fast': a number"),
     ('kind = "ramp"', 'kind = "ram"', r"line 18: signals.ramp: kind is 'ram'; did you mean 'ramp'"),
     ("after = 90", 'after = "high"', r"signals.ramp: after is 'high': a number"),
