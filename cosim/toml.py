@@ -46,10 +46,12 @@ class TomlFile:
 
     @contextlib.contextmanager
     def at(self, *keys: str) -> Iterator[None]:
-        """Inside, the message of every InputError is prefixed with file, line and key."""
+        """Inside, the message of every InputError is prefixed with file, line and key; the innermost counts."""
         try:
             yield
         except InputError as error:
+            if str(error).startswith((f"{self.path}, line ", f"{self.path}: ")):
+                raise
             line = self.line(keys)
             where = f"{self.path}, line {line}" if line else str(self.path)
             raise InputError(f"{where}: {'.'.join(keys)}: {error}") from error

@@ -158,9 +158,9 @@ class Scenario:
 
     def run(self, progress: Callable[[float], None] | None = None) -> Result:
         """Put together and run; see ``Master.run``."""
-        master = self.master()
+        master, start, stop = self.master(), self.start, self.stop
         try:
-            return master.run(self.stop, self.start, progress)
+            return master.run(stop, start, progress)
         except InputError as error:
             raise InputError(f"{self._file.path}: {error}") from error
 

@@ -240,6 +240,7 @@ def test_a_parameter_can_be_what_was_measured_at_the_start(folder):
        r"line 27: compare.a.y: it is .*: the name of a channel") for channel in ("5", '["gear"]', "{ a = 1 }")),
     ("step = 0.005", 'step = "fast"', r"fmu.b: step of b is 'fast': a number"),
     ('kind = "ramp"', 'kind = "ram"', r"line 18: signals.ramp: kind is 'ram'; did you mean 'ramp'"),
+    ('kind = "ramp"', 'kind = "csv"\nfile = 5', r"line 20: signals.ramp.(file|before): "),
     ("after = 90", 'after = "high"', r"signals.ramp: after is 'high': a number"),
     ("[signals.ramp]", "[signals.time]", r"line 18: signals.time: a signal cannot be called 'time'"),
     ('record = ["ramp", "a.*", "b.seen"]', "record = [1]", r"line 4: record: what to record is 1"),
@@ -267,7 +268,7 @@ def test_what_is_wrong_is_named_with_file_and_key(folder, old, new, words):
     with pytest.raises(InputError, match=words) as caught:
         scenario = Scenario.load(path)
         scenario.compare(scenario.run())
-    assert "scenario.toml" in str(caught.value)
+    assert str(caught.value).count("scenario.toml") == 1
     assert "\n" not in str(caught.value)
 
 
