@@ -270,8 +270,11 @@ def _interruptions() -> Iterator[list[int]]:
     if threading.current_thread() is not threading.main_thread():
         yield interrupted
         return
-    before = {signal.SIGINT: signal.getsignal(signal.SIGINT)}
-    before |= {number: handler for number in asking() if callable(handler := signal.getsignal(number))}
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, *asking())}
+    # what Python does not handle is left alone, but for a Ctrl-C that is ignored; None is a handler of whoever
+    # embeds Python, which could not be put back
+    before = {number: handler for number, handler in before.items()
+              if callable(handler) or (number == signal.SIGINT and handler is not None)}
 
     def note(number: int, _frame: object) -> None:
         interrupted.append(number)

@@ -509,6 +509,15 @@ def test_ctrl_c_leaves_a_partial_result_that_can_be_read(tmp_path):
     assert not Result.read(tmp_path / "partial.parquet").complete
 
 
+def test_handlers_of_a_host_that_embeds_python_are_left_to_it(monkeypatch):
+    """Python tells None of them, and takes none back."""
+    changed = []
+    monkeypatch.setattr(signal, "getsignal", lambda number: None)
+    monkeypatch.setattr(signal, "signal", lambda number, handler: changed.append(number))
+    assert Master(step=1e-2).add("a", counter()).run(stop=0.1).complete
+    assert not changed
+
+
 def test_runs_outside_the_main_thread():
     results = []
     master = Master(step=1e-2).add("a", counter())
