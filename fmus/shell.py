@@ -25,6 +25,7 @@ from pythonfmu.enums import Fmi2Status
 from pythonfmu.fmi2slave import Fmi2Slave
 
 from driveline.model import HOST_TELLS
+from driveline.quantities import InputError
 
 MODEL_FILE = "model.json"
 _BEFORE, _RUNNING, _INITIALIZING = range(3)  # phases, as snapshots have them
@@ -222,9 +223,12 @@ class ModelSlave(Fmi2Slave):
     def _set_fmu_state(self, state: bytes) -> None:
         try:
             self.model.restore(state[_HEAD.size:])
+            phase, start_time = _HEAD.unpack_from(state)
+            if phase not in self._free_by_phase:
+                raise InputError(f"these bytes are not a saved state of {self.model.name}")
         except Exception as error:
             self._fail(error)
-        phase, self.start_time = _HEAD.unpack_from(state)
+        self.start_time = start_time
         self._enter(phase)
 
     @staticmethod

@@ -252,9 +252,15 @@ def test_foreign_bytes_are_refused(toy, load):
     assert "not a saved state of toy" in failure(host, host.setFMUState, state)
 
 
-def test_too_few_bytes_are_refused(toy, load):
+@pytest.mark.parametrize("damage", [lambda saved: saved[:1], lambda saved: b"\x07" + saved[1:]])
+def test_a_damaged_snapshot_is_refused(toy, load, damage):
     host = load(toy.fmu)
-    assert "not a saved state of toy" in failure(host, host.setFMUState, host.deserializeFMUState(b"\x01"))
+    host.initialize()
+    state = host.deserializeFMUState(damage(host.serializeFMUState(host.getFMUState())))
+    assert "not a saved state of toy" in failure(host, host.setFMUState, state)
+    host.reset()
+    host.initialize()
+    assert host.run(0, 2)
 
 
 def test_snapshot_goes_on_in_a_new_process(toy, load, go_on_elsewhere):
