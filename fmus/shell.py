@@ -25,7 +25,7 @@ from pythonfmu.enums import Fmi2Status
 from pythonfmu.fmi2slave import Fmi2Slave
 
 from driveline.model import HOST_TELLS
-from driveline.quantities import InputError
+from driveline.quantities import InputError, Variable
 
 MODEL_FILE = "model.json"
 _BEFORE, _RUNNING, _INITIALIZING = range(3)  # phases, as snapshots have them
@@ -170,6 +170,18 @@ class ModelSlave(Fmi2Slave):
         except Exception as error:
             self._fail(error)
 
+    def get_string(self, vrs: list[int]) -> list[str]:
+        """None: no model has strings, and PythonFMU's own would raise where nobody lends what it gives away."""
+        try:
+            for vr in vrs:
+                self._variable(vr, "string")
+        except Exception as error:
+            self._fail(error)
+        return []
+
+    def set_string(self, vrs: list[int], values: list[str]) -> None:
+        self.get_string(vrs)
+
     def set_real(self, vrs: list[int], values: list[float]) -> None:
         self._set("real", vrs, values)
 
@@ -189,15 +201,20 @@ class ModelSlave(Fmi2Slave):
         for vr, value in zip(vrs, values, strict=True):
             held[vr] = value
 
+    def _variable(self, vr: int, kind: str) -> Variable:
+        """The variable of a value reference, which is to be of this kind."""
+        if not 0 <= vr < len(self.model.variables):
+            raise ValueError(f"there is no variable with value reference {vr}")
+        variable = self.model.variables[vr]
+        if variable.kind != kind:
+            raise ValueError(f"{variable.name} is {variable.kind}, not {kind}")
+        return variable
+
     def _set_with_care(self, kind: str, vrs: list[int], values: list) -> None:
         """Refuse what may not be set now, change tunable parameters in a run."""
         try:
             for vr, value in zip(vrs, values, strict=True):
-                if not 0 <= vr < len(self.model.variables):
-                    raise ValueError(f"there is no variable with value reference {vr}")
-                variable = self.model.variables[vr]
-                if variable.kind != kind:
-                    raise ValueError(f"{variable.name} is {variable.kind}, not {kind}")
+                variable = self._variable(vr, kind)
                 if variable.causality == "output":
                     raise ValueError(f"{variable.name} is an output: it cannot be set")
                 if variable.causality == "parameter" and self._phase == _RUNNING:

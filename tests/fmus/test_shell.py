@@ -104,6 +104,19 @@ def test_what_may_not_be_set_is_refused(toy, load):
     assert host["spring.stiffness"] == 50.0
 
 
+def test_strings_are_refused_as_there_are_none(toy, load):
+    """PythonFMU's own error would end the process at the next call."""
+    for action, arguments in (("getString", [[0]]), ("setString", [[0], ["on"]]), ("getString", [[99]])):
+        host = load(toy.fmu)
+        host.initialize()
+        said = failure(host, getattr(host, action), *arguments)
+        assert said == ("there is no variable with value reference 99" if 99 in arguments[0] else
+                        f"{next(iter(host.variables))} is real, not string")
+        host.reset()
+        host.initialize()
+        assert host.run(0, 2)
+
+
 def test_the_message_reaches_a_host_that_logs_nothing(toy, load, capfd):
     host = load(toy.fmu)
     host.setDebugLogging(False, [])
