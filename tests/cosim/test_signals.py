@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.signals import Constant, FirstOrder, PulseTrain, Ramp, Step, Table, from_table
@@ -41,7 +41,6 @@ def test_table_holds_or_interpolates_and_stays_beyond_its_ends():
     assert Table(times=[0, 1], data=[2, 4], interpolation="hold").values(t).tolist() == [2, 2, 2, 4, 4]
 
 
-@settings(deadline=None)  # the first reads the units
 @given(st.integers(1, 4_000_000_000))
 def test_what_jumps_does_so_at_the_instant_of_the_clock_whatever_its_unit(tick):
     """Milliseconds times 0.001 are not always the clock's double of the same instant."""

@@ -77,7 +77,7 @@ def test_a_lash_without_damping_bounces_elastically():
     assert np.ptp(ledger(record)) < 1e-9
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.lists(st.floats(-150.0, 150.0), min_size=5, max_size=20), st.sampled_from([0.0, 0.5, 6.0, 40.0]),
        st.sampled_from([0.0, 1e-3, GAP]))
 def test_whatever_the_torque_the_lash_angle_stays_inside_the_gap_and_the_torque_fits_the_flank(

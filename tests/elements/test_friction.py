@@ -57,7 +57,7 @@ def test_a_sticking_clutch_carries_its_share_and_lets_go_at_its_static_capacity(
     assert events(model) == 1
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.lists(st.floats(-100.0, 100.0), min_size=4, max_size=15),
        st.lists(st.sampled_from([0.0, 0.3, 1.0]), min_size=15, max_size=15))
 def test_whatever_torque_and_command_the_clutch_never_gives_energy(torques, commands):

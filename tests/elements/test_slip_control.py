@@ -85,7 +85,7 @@ def test_it_does_not_wind_up():
     assert (opened["clutch_torque"] == 0.0).all() and opened["clutch_held"].max() == 50.0
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.lists(st.floats(-400.0, 400.0), min_size=4, max_size=15),
        st.lists(st.sampled_from([0.0, 0.3, 1.0]), min_size=15, max_size=15))
 def test_whatever_torque_and_command_it_never_gives_energy(torques, commands):

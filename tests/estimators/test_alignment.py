@@ -50,7 +50,7 @@ def test_without_delays_frames_pass_as_they_are():
         assert block.take(*frame) == (0.0, *frame)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(engine=st.floats(0.0, 0.05), wheel=st.floats(0.0, 0.05), period=st.sampled_from([1e-3, 2e-3, 1e-2, 0.03]))
 def test_every_signal_is_read_as_it_was_when_the_latest_was_taken(engine, wheel, period):
     """Straight lines are met exactly, also between frames."""

@@ -60,7 +60,7 @@ def test_every_estimator_is_a_model_under_its_own_name(name):
     assert "trusted" in make(name).index
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(frames=st.lists(st.tuples(ANYTHING, ANYTHING, ANYTHING, ANYTHING), min_size=1, max_size=12),
        repeat=st.integers(1, 30), good=st.integers(0, 20))
 def test_finite_on_any_input(name, frames, repeat, good):

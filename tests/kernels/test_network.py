@@ -158,7 +158,7 @@ LINK = st.one_of(
 )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.lists(LINK, min_size=1, max_size=4),
        st.lists(st.sampled_from([0.02, 0.3, 2.0]), min_size=5, max_size=5),
        st.lists(st.floats(-10.0, 10.0), min_size=5, max_size=5))

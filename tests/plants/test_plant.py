@@ -297,7 +297,7 @@ def test_compiled_and_plain_python_give_the_same_bits_while_tyres_spin():
     assert models[0].save() == models[1].save()
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.lists(st.floats(-120.0, 400.0), min_size=4, max_size=8),
        st.lists(st.sampled_from([0.0, 0.1, 1.0]), min_size=8, max_size=8),
        st.lists(st.sampled_from([0.0, 0.0, 2500.0]), min_size=8, max_size=8),
@@ -325,7 +325,7 @@ def test_whatever_the_driver_does_the_full_order_plant_stays_finite_and_keeps_it
 
 
 @pytest.mark.parametrize("name", REDUCED)
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.lists(st.tuples(st.floats(-150.0, 300.0), st.sampled_from([0.0, 0.0, 150.0, 4000.0]),
                           st.floats(-0.15, 0.15)), min_size=3, max_size=8),
        st.sampled_from([-1, 1, 5]), st.sampled_from([0.0, 0.3, 6.0]), st.sampled_from([0.0, 1.0]))
