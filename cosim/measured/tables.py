@@ -301,8 +301,12 @@ def _read_mat_hdf5(path: Path) -> DataTable:
         raise InputError(f"{path}: MAT files of version 7.3 need the package h5py, pip install "
                          "'driveline-cosim[measured]'") from error
 
+    def is_text(node: h5py.Dataset) -> bool:  # which is stored as the numbers of its letters
+        return node.attrs.get("MATLAB_class") in (b"char", "char")
+
     def vectors(group: h5py.Group) -> dict[str, np.ndarray]:
-        return {name: node[()] for name, node in group.items() if isinstance(node, h5py.Dataset)}
+        return {name: node[()] for name, node in group.items() if isinstance(node, h5py.Dataset)
+                and not is_text(node) and "MATLAB_empty" not in node.attrs}  # of an empty array its shape is stored
 
     try:
         with h5py.File(path) as file:

@@ -399,7 +399,7 @@ def test_mat_files(tmp_path, version):
 
 
 def save_mat(path, version, contents):
-    """A MAT file of numbers, and of structs of them."""
+    """A MAT file of numbers, texts, and structs of them."""
     if version == "5":
         import scipy.io
         scipy.io.savemat(path, contents)
@@ -409,7 +409,14 @@ def save_mat(path, version, contents):
         file.create_group("#refs#")
         for name, values in contents.items():
             for field, of in values.items() if isinstance(values, dict) else [("", values)]:
-                file[f"{name}/{field}".rstrip("/")] = np.atleast_2d(of)
+                place = f"{name}/{field}".rstrip("/")
+                kind, empty = "char" if isinstance(of, str) else "double", np.size(of) == 0
+                if isinstance(of, str):
+                    of = np.frombuffer(of.encode("utf-16-le"), np.uint16)
+                file[place] = np.array(np.shape(of), dtype=np.uint64) if empty else np.atleast_2d(of)
+                file[place].attrs["MATLAB_class"] = np.bytes_(kind)
+                if empty:
+                    file[place].attrs["MATLAB_empty"] = np.uint8(1)
     with open(path, "r+b") as file:  # the header MATLAB writes before the HDF5 part
         file.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM")
 
@@ -429,6 +436,16 @@ def test_the_only_struct_of_a_mat_file_is_opened(tmp_path, version):
         load(tmp_path / "a.mat")
     save_mat(tmp_path / "a.mat", version, {})
     with pytest.raises(InputError, match="^[^ ]*a.mat holds no vectors of numbers: variables that are vectors"):
+        load(tmp_path / "a.mat")
+
+
+@pytest.mark.parametrize("version", ["5", "7.3"])
+def test_neither_a_text_nor_an_empty_array_of_a_mat_file_is_a_vector(tmp_path, version):
+    log = {"time": np.arange(4) * 0.1, "force": np.arange(4.0), "unit": "newton"}
+    save_mat(tmp_path / "a.mat", version, {"log": log, "note": "drive on the track", "nothing": np.zeros((0, 0))})
+    assert load(tmp_path / "a.mat").manoeuvres[0]["force"].values.tolist() == [0.0, 1.0, 2.0, 3.0]
+    save_mat(tmp_path / "a.mat", version, {"log": log | {"force": "none"}, "note": "drive on the track"})
+    with pytest.raises(InputError, match="no column bears a canonical name.* there are time$"):
         load(tmp_path / "a.mat")
 
 
