@@ -167,11 +167,14 @@ def _wider(text: str, separator: str, header: Sequence[str]) -> tuple[int, int] 
 def _units_row(cells: Sequence[str | None]) -> list[str | None] | None:
     """The units in a row below the header, in brackets or not; None where there is a number in it, or nothing.
 
+    A 1 is a number, but also the unit of what has none.
+
     Args:
         cells: Of the first row.
     """
     texts = ["" if (text := (cell or "").strip()).lower() in _BLANK else text for cell in cells]
-    if not any(texts) or any(map(_is_number, texts)):
+    named = [text for text in texts if text not in ("", "1")]
+    if not named or any(map(_is_number, named)):
         return None
     return [text.strip("[]() ") or None for text in texts]
 

@@ -121,7 +121,7 @@ def test_semicolons_and_decimal_commas(tmp_path):
     assert load(tmp_path / "a.csv").manoeuvres[0]["force"].values.tolist() == [1.5, 2.5]
 
 
-@pytest.mark.parametrize("row", ["ms,1/min,N,-", "[ms],(1/min),[N],[-]", " ms, 1/min ,,"])
+@pytest.mark.parametrize("row", ["ms,1/min,N,-", "[ms],(1/min),[N],[-]", " ms, 1/min ,,", "ms,1/min,N,1"])
 def test_units_may_stand_in_a_row_of_their_own(tmp_path, row):
     (tmp_path / "a.csv").write_text(f"time,motor_speed,force [kN],state\n{row}\n500,60,1,on\n1000,120,2,off\n")
     manoeuvre = load(tmp_path / "a.csv").manoeuvres[0]
@@ -150,6 +150,11 @@ def test_a_unit_that_may_mean_something_else_is_refused(tmp_path, name, unit):
 def test_a_row_of_nothing_has_no_units(tmp_path, row):
     (tmp_path / "a.csv").write_text(f"time [ms],force,position\n{row}\n0,1,2\n500,3,4\n")
     assert load(tmp_path / "a.csv").manoeuvres[0]["force"].time.tolist() == [0.0, 0.5]
+
+
+def test_a_row_of_ones_is_a_sample(tmp_path):
+    (tmp_path / "a.csv").write_text("time,force,state\n1,1,\n2,3,on\n")
+    assert load(tmp_path / "a.csv").manoeuvres[0]["force"].time.tolist() == [1.0, 2.0]
 
 
 def test_lines_are_counted_as_an_editor_does_also_below_units(tmp_path):
