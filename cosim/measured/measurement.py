@@ -40,6 +40,7 @@ _CLOCK_RESTARTED, _MANY = 1.0, 4
 # What a unit means on an instrument of that kind, by the unit of the signal and as written: tachometers count
 # revolutions, accelerometers weights. A speed of rotation in 1/s may be either, and is refused.
 _MEANT = {("rad/s", "1/min"): "rpm", ("m/s2", "g"): "g_0"}
+_ONE_TURN = 1.01 * 2.0 * np.pi  # rad: an angle that never leaves it may start again after each
 _SAME_INSTANT = 1e-6  # s: by how much instants of one clock differ that was written twice
 
 
@@ -337,6 +338,8 @@ def _channel(name: str, entry: Mapping[str, Any], clock: Mapping[str, Any], tabl
         raise InputError(f"{where}: columns '{named}' of {table.path.name} are never sampled together, and nothing is "
                          "resampled to take a mean: name one of them")
     times, values = _in_order(clocks[0], mean, table, label, notices)
+    if CANONICAL[name].unit == "rad":
+        values = _unwound(values, label, notices)
     return Channel(name, CANONICAL[name].unit, times, values, " and ".join(sources))
 
 
@@ -423,6 +426,15 @@ def _in_order(times: np.ndarray, values: np.ndarray, table: DataTable, label: st
         notices.append(f"column '{label}': {int(again.sum())} repeated instants, the first value was kept")
         times, values = times[~again], values[~again]
     return times, values
+
+
+def _unwound(values: np.ndarray, label: str, notices: list[str]) -> np.ndarray:
+    """An angle [rad] that starts again after every turn, as encoders and resolvers tell it, as one that goes on."""
+    again = np.abs(np.diff(values)) > np.pi
+    if not again.any() or np.ptp(values) > _ONE_TURN:
+        return values
+    notices.append(f"column '{label}': the angle starts again after a turn, {int(again.sum())} times; unwound")
+    return np.unwrap(values)
 
 
 def _many_late(times: np.ndarray) -> np.ndarray:

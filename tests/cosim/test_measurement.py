@@ -220,6 +220,24 @@ def test_small_faults_of_the_clock_are_repaired_and_said(tmp_path, caplog):
     assert "repeated instants" in caplog.text
 
 
+@pytest.mark.parametrize("zero", [0.0, 180.0])
+def test_an_angle_that_starts_again_after_every_turn_is_unwound(tmp_path, caplog, zero):
+    time = np.arange(0.0, 6.0, 0.01)
+    angle = 500.0 * np.sin(time) + 90.0 * time  # both ways, over several turns
+    rows = zip(time, (angle + zero) % 360.0 - zero, angle)
+    (tmp_path / "a.csv").write_text("time,motor_position [deg],whole\n" + "".join(
+        f"{t:.2f},{a:.6f},{b:.6f}\n" for t, a, b in rows))
+    found = load(tmp_path / "a.csv").manoeuvres[0]
+    assert np.diff(found["motor_position"].values) == pytest.approx(np.diff(np.radians(angle)), abs=1e-7)
+    turns = int(np.sum(np.diff((angle + zero) // 360.0) != 0))
+    assert f"the angle starts again after a turn, {turns} times" in caplog.text and found.notices
+    # one that goes on is what it is, however far from one sample to the next
+    description = {"channels": {"motor_position": {"column": "whole", "unit": "rad"}}}
+    whole = load(tmp_path / "a.csv", description).manoeuvres[0]
+    assert np.abs(np.diff(angle)).max() > np.pi and not whole.notices
+    assert whole["motor_position"].values == pytest.approx(angle, abs=1e-5)
+
+
 def test_late_samples_are_put_in_order_whichever_way_they_are_late(tmp_path):
     """One stamp of a later time, a packet of three that came late, neighbours swapped: one course all the same."""
     order = [*range(20), 40, *range(20, 40), *range(44, 60), *range(41, 44), *range(61, 80), 60]
