@@ -88,8 +88,8 @@ WORK = FRAME + 3
 KEPT = 1 + N
 (TRIGGERED, ARMED, TORQUE, SINCE, COMPLETE, ENGINE_BEFORE, RATE_BEFORE, BALANCED, SHAFT, CALM, CANDIDATE,
  CONSTRAINED, TRIGGERS, SURPRISE, UNEXPLAINED, MISSED, SETTLED, COUNTED, CALM_SIZE, REFERENCE,
- RISE) = range(KEPT, KEPT + 21)
-ALIGNMENT = KEPT + 21
+ RISE, SPEEDS, MEASURED) = range(KEPT, KEPT + 23)
+ALIGNMENT = KEPT + 23
 STATE = ALIGNMENT + BLOCK - 1  # without the count of frames
 
 # Time [s] over which the torque's slope is taken, and a frame at least: the thesis's sampling time. Shorter frames
@@ -97,6 +97,9 @@ STATE = ALIGNMENT + BLOCK - 1  # without the count of frames
 RISING = 0.01
 # Time [s] over which the engine's torque balance sets the shaft's torque right before a trigger.
 SMOOTHING = 0.05
+# Time [s] between two complete frames of a tip-in, and 1.5 frames at least, beyond which it says nothing of the lash:
+# at 10 ms two lost ones are bridged, as one that is lost makes two of a speed read between frames.
+BRIDGED = 0.035
 LARGER = 1.5  # a size so many times another is not the same lash, or not all of it
 
 FRAME_TORQUE, FRAME_ENGINE, FRAME_WHEEL = FRAME, FRAME + 1, FRAME + 2
@@ -195,6 +198,7 @@ def start(state, work, engine_speed, wheel_speed):
     work[X + ENGINE] = engine_speed
     work[X + FINAL_DRIVE] = wheel_speed
     work[X + WHEEL] = wheel_speed
+    state[MEASURED] = work[X + TWIST]
     state[TRIGGERED] = 1.0
     state[ARMED] = 0.0
     state[CALM] = 0.0
@@ -209,8 +213,8 @@ def start(state, work, engine_speed, wheel_speed):
 def advance(state, work, torque, engine_good, wheel_good, grown):
     """One period of the stationary filter (eq. 4.2); note the size where it has settled.
 
-    By both speeds the twist has grown by ``grown`` [rad], ABSENT where one is missing. Only the difference of
-    twist and offset acts on anything, so both can be moved until the twist has grown by so much.
+    By both speeds the twist has grown by ``grown`` [rad] since both were last there, ABSENT where one is missing. Only
+    the difference of twist and offset acts on anything, so both can be moved until the twist has grown by so much.
     """
     work[ROOM + 0] = net_torque(work, 0, torque, work[X + ENGINE], shaft_torque(work, 0, X))
     work[ROOM + 1] = road_load(work, 0, work[X + WHEEL])
@@ -220,7 +224,7 @@ def advance(state, work, torque, engine_good, wheel_good, grown):
         for j in range(N):
             total += work[A + N * i + j] * work[X + j]
         work[ROOM + i] = total
-    engine, wheel, twist = 0.0, 0.0, work[X + TWIST]
+    engine, wheel = 0.0, 0.0
     if engine_good:
         engine = work[FRAME_ENGINE] - work[ROOM + ENGINE]
     if wheel_good:
@@ -228,9 +232,21 @@ def advance(state, work, torque, engine_good, wheel_good, grown):
     for i in range(N):
         work[X + i] = work[ROOM + i] + work[GAIN + M * i] * engine + work[GAIN + M * i + 1] * wheel
     if grown > ABSENT and work[MEASURED_TWIST] > 0.0:
-        astray = work[X + TWIST] - twist - grown
+        astray = work[X + TWIST] - state[MEASURED] - grown
         work[X + TWIST] -= astray
         work[X + SIZE] -= astray
+    if engine_good and wheel_good:
+        state[MEASURED] = work[X + TWIST]
+        settle(state, work)
+    surprise = 0.5 * (engine * engine / work[SPREAD_ENGINE] + wheel * wheel / work[SPREAD_WHEEL])
+    state[SURPRISE] += work[WEIGHT] * (surprise - state[SURPRISE])
+    state[UNEXPLAINED] += work[WEIGHT] * (
+        unexplained_torque(work, 0, engine, wheel, work[PERIOD]) - state[UNEXPLAINED])
+
+
+@kernel
+def settle(state, work):
+    """One more frame with both speeds: note the size where it has settled."""
     if state[CALM] == 0.0:
         state[CALM_SIZE] = work[X + SIZE]
     if (shaft_torque(work, 0, X) > work[CALM_TORQUE]
@@ -247,10 +263,6 @@ def advance(state, work, torque, engine_good, wheel_good, grown):
             state[CANDIDATE] += (work[X + SIZE] - state[CANDIDATE]) / state[SETTLED]
     else:
         state[CALM] = 0.0
-    surprise = 0.5 * (engine * engine / work[SPREAD_ENGINE] + wheel * wheel / work[SPREAD_WHEEL])
-    state[SURPRISE] += work[WEIGHT] * (surprise - state[SURPRISE])
-    state[UNEXPLAINED] += work[WEIGHT] * (
-        unexplained_torque(work, 0, engine, wheel, work[PERIOD]) - state[UNEXPLAINED])
 
 
 @kernel
@@ -296,8 +308,8 @@ def tkbse_step(state: F8, constants: F8, work: F8, inputs: F8, outputs: F8, time
     rate, grown = 0.0, ABSENT
     if engine_good and wheel_good:
         rate = work[FRAME_ENGINE] / work[I_TR] - work[I_FDR] * work[FRAME_WHEEL]
-        if state[COMPLETE] > 0.0:
-            grown = 0.5 * (state[RATE_BEFORE] + rate) * work[PERIOD]
+        if state[SPEEDS] > 0.0:
+            grown = 0.5 * (state[RATE_BEFORE] + rate) * work[PERIOD] * state[SPEEDS]
     if torque_good and engine_good and wheel_good and state[COMPLETE] > 0.0:
         balance(state, work, torque, work[FRAME_ENGINE], rate)
     else:
@@ -307,7 +319,17 @@ def tkbse_step(state: F8, constants: F8, work: F8, inputs: F8, outputs: F8, time
         learn(state, work, ALIGNMENT, KNOWS, grown, carried, work[I_FDR] * work[FRAME_WHEEL])
     else:
         interrupt(state, ALIGNMENT)
-    state[RATE_BEFORE] = rate
+    if state[SPEEDS] > 0.0:
+        state[SPEEDS] += 1.0
+    if engine_good and wheel_good:
+        state[RATE_BEFORE] = rate
+        state[SPEEDS] = 1.0
+    if state[MISSED] + work[PERIOD] > max(BRIDGED, 1.5 * work[PERIOD]) + 1e-5:
+        # nobody knows what the lash did meanwhile: a tip-in says what it had said, if that was all, or nothing
+        if state[TRIGGERED] > 0.0 and state[SETTLED] * work[PERIOD] < work[SHUFFLE]:
+            state[TRIGGERED] = 0.0
+        if torque > work[LEVEL]:  # nor when it began
+            state[ARMED] = 0.0
     if state[TRIGGERED] > 0.0 and not wanted:
         conclude(state, work)
     if state[TRIGGERED] > 0.0:

@@ -298,6 +298,42 @@ def test_short_frames_trigger_as_soon_as_long_ones_would():
     np.testing.assert_array_equal(np.flatnonzero(found["triggered"]), [14])
 
 
+# ---- lost frames -------------------------------------------------------------------------------------
+
+
+def single_sizes(lost):
+    """Sizes, each of one tip-in alone, as frames of 10 ms end them; some of the inputs are lost in some frames."""
+    frames = np.column_stack([record()[name] for name in ("crankshaft_torque", "engine_speed", "wheel_speed")])[9::10]
+    frames[lost] = np.nan
+    estimator = make(**{"trigger.tip_ins": 1.0})
+    estimator.values[:3] = frames[0]
+    estimator.initialize()
+    found = columns(estimator, estimator.simulate(frames))
+    assert found["triggers"][-1] >= 1 and found["trusted"][-1] == 1.0
+    return found["lash_size"][np.flatnonzero(np.diff(found["lash_size"])) + 1]
+
+
+@pytest.mark.parametrize("inputs", [[0], [1], [2], [0, 1, 2]])
+@pytest.mark.parametrize("frames", [5, 30])
+def test_a_tip_in_says_nothing_of_what_a_gap_hid(inputs, frames):
+    """It took an offset that stood still because nothing was measured for settled, and trusted a hundredth of the lash.
+    """
+    for begin in (456, 462, 466, 470, 474, 480):  # from before the trigger to contact
+        sizes = single_sizes(np.ix_(range(begin, begin + frames), inputs))
+        assert sizes == pytest.approx(true_size(), rel=0.02)
+
+
+def test_a_size_that_had_settled_is_not_lost_with_later_frames():
+    assert single_sizes(np.ix_(range(560, 590), [0, 1, 2])).size == 2
+
+
+def test_the_twist_goes_on_over_a_lost_frame():
+    """By the speeds before and after it; one frame without them in the crossing cost a seventh of the lash."""
+    for lost in range(455, 500, 4):
+        sizes = single_sizes(np.ix_([lost], [0, 1, 2]))
+        assert sizes.size == 2 and sizes[1] == pytest.approx(true_size(), rel=0.06)
+
+
 # ---- late speeds -------------------------------------------------------------------------------------
 
 
