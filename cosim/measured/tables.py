@@ -26,6 +26,7 @@ from driveline.quantities import InputError
 _HEADER = re.compile(r"\s*(.*?)\s*(?:\[\s*([^\[\]]*?)\s*\])?\s*$", re.DOTALL)
 _SEPARATOR = re.compile(r'"?sep=(.)"?\s*$', re.IGNORECASE | re.DOTALL)  # a tab is one too
 _Contents = np.ndarray | Mapping[str, Any]  # of a variable of a workspace: numbers, or the fields of a struct
+_WITH = r"^[-+]?\d*[{}]\d+([eE][-+]?\d+)?$"  # a number with a decimal mark
 _BLANK = ("", "na", "null", "none", "-")  # in small letters
 
 
@@ -115,10 +116,12 @@ def _read_csv(path: Path) -> DataTable:
     above = skipped + (1 if named is None else 2)  # lines
     places: dict[str, list[int]] = {}  # by name; logs often hold a column twice that nobody needs
     units = {}
-    for place, written in enumerate(header):
-        name, unit = _HEADER.match(written).groups()
+    for place, title in enumerate(header):
+        name, unit = _HEADER.match(title).groups()
         units[place] = unit or named and named[place]
         places.setdefault(name, []).append(place)
+
+    written: dict[str, str] = {}  # decimal mark to a column that was asked for and has it
 
     def read(name: str, _: int | None) -> Column:
         if len(places[name]) > 1:
@@ -128,6 +131,10 @@ def _read_csv(path: Path) -> DataTable:
         place, = places[name]
         text = frame.to_series(place).str.strip_chars()
         if separator == ";":
+            written.update({mark: name for mark in ",." if text.str.contains(_WITH.format(mark)).any()})
+            if len(written) > 1:
+                raise InputError(f"{path}: column '{written[',']}' has decimal commas and column '{written['.']}' "
+                                 "decimal points, and either may part thousands: one and the same is needed")
             text = text.str.replace(",", ".", literal=True)
         text = text.set(text.str.to_lowercase().is_in(list(_BLANK)), None)
         numbers = text.cast(polars.Float64, strict=False)

@@ -121,6 +121,18 @@ def test_semicolons_and_decimal_commas(tmp_path):
     assert load(tmp_path / "a.csv").manoeuvres[0]["force"].values.tolist() == [1.5, 2.5]
 
 
+@pytest.mark.parametrize(("time", "speed"), [("0,01", "1.200"), ("0.01", "1,200")])
+def test_points_and_commas_in_one_file_are_refused(tmp_path, time, speed):
+    """One of them parts thousands: a speed of 1200 rpm was read as 1.2."""
+    (tmp_path / "a.csv").write_text(f"time;engine_speed [rpm];other\n0;900;1.5\n{time};{speed};2,5\n")
+    with pytest.raises(InputError, match="a.csv: column '(time|engine_speed)' has decimal commas and column "
+                                         "'(time|engine_speed)' decimal points"):
+        load(tmp_path / "a.csv")
+    for one in (time, speed):  # of columns that nobody asks for nothing is said
+        (tmp_path / "a.csv").write_text(f"time;force;other\n0;900;1.5\n{one};{one};2,5\n")
+        assert load(tmp_path / "a.csv").manoeuvres[0]["force"].values[1] == float(one.replace(",", "."))
+
+
 @pytest.mark.parametrize("row", ["ms,1/min,N,-", "[ms],(1/min),[N],[-]", " ms, 1/min ,,", "ms,1/min,N,1"])
 def test_units_may_stand_in_a_row_of_their_own(tmp_path, row):
     (tmp_path / "a.csv").write_text(f"time,motor_speed,force [kN],state\n{row}\n500,60,1,on\n1000,120,2,off\n")
