@@ -347,6 +347,8 @@ def _in_si(values: np.ndarray, name: str, unit: str, entry: Mapping[str, Any], w
     """The numbers of a column in the unit of a canonical signal; ``factor`` of ``entry`` comes before ``unit``."""
     wanted = CANONICAL[name].unit
     try:
+        if name == "road_grade" and units.parse(unit) == units.parse("%"):  # what it rises over what it runs
+            return np.arctan(0.01 * _factor(entry, where) * values)
         meant = next((meant for (of, written), meant in _MEANT.items()
                       if of == wanted and units.parse(written) == units.parse(unit)), unit)
         factor, offset = units.conversion(meant, wanted)

@@ -150,8 +150,16 @@ def test_a_unit_means_what_it_does_on_such_an_instrument(tmp_path, name, unit, f
     assert load(tmp_path / "a.csv").manoeuvres[0][name].values == pytest.approx([factor, 2.0 * factor])
 
 
+def test_a_slope_in_per_cent_is_what_the_road_rises_over_what_it_runs(tmp_path):
+    (tmp_path / "a.csv").write_text("time,road_grade [%]\n0,100\n1,-5\n2,0\n")
+    assert load(tmp_path / "a.csv").manoeuvres[0]["road_grade"].values == pytest.approx(
+        [np.pi / 4, -np.arctan(0.05), 0.0])
+    downhill = {"channels": {"road_grade": {"factor": -1}}}
+    assert load(tmp_path / "a.csv", downhill).manoeuvres[0]["road_grade"].values[0] == pytest.approx(-np.pi / 4)
+
+
 @pytest.mark.parametrize(("name", "unit"), [("engine_speed", "1/s"), ("engine_speed", "Hz"), ("force", "1/min"),
-                                            ("force", "g")])
+                                            ("force", "g"), ("force", "%"), ("road_grade", "1")])
 def test_a_unit_that_may_mean_something_else_is_refused(tmp_path, name, unit):
     (tmp_path / "a.csv").write_text(f"time,{name} [{unit}]\n0,60\n1,120\n")
     with pytest.raises(InputError, match="cannot be converted"):
