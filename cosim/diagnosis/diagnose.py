@@ -118,9 +118,11 @@ def diagnose(path: Path, out: Path | None = None, *, vehicle: str | None = None,
     notices = [*(f"the vehicle file has {name} = {had:g}, but no recording's phase of it: it is taken out, and all "
                  "that is found of it is said" for name, had in taken_out.items()),
                *_notices(measurement, car, runs, reserved)]
-    diagnosis = Diagnosis({}, measurement, car, runs, reserved, further, taken_out=taken_out, notices=notices)
-    for notice in diagnosis.notices:
+    for notice in notices:
         say(notice)
+    repaired = [notice for manoeuvre in measurement.manoeuvres for notice in manoeuvre.notices]  # said as it was read
+    diagnosis = Diagnosis({}, measurement, car, runs, reserved, further, taken_out=taken_out,
+                          notices=[*dict.fromkeys(repaired), *notices])
     if isinstance(car, RigidPlant):
         _bench(diagnosis, car, out, say)
     else:

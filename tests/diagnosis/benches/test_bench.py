@@ -9,6 +9,7 @@ import pytest
 from cosim.diagnosis.benches.bench import _wrong, diagnose_bench
 from cosim.diagnosis.benches.inverse import Inverse
 from cosim.diagnosis.catalogue import CATALOGUE, effect, shown_by
+from cosim.diagnosis.diagnose import diagnose
 from cosim.diagnosis.fit.regression import block_sums, dependence, least_squares, paired, relative_error
 from cosim.diagnosis.judge.finding import joint_probability
 from cosim.diagnosis.plants import STEP, Bench, FullOrderCar, SingleMass, plant_for
@@ -141,6 +142,16 @@ def test_what_a_bench_cannot_do_without_is_said(tmp_path, made_up):
             text.replace(f'[channels.{channel}]\ncolumn = "{channel}"\n', ""), encoding="utf-8")
         with pytest.raises(InputError, match=message):
             plant.runs(load(tmp_path))
+
+
+def test_what_was_repaired_as_it_was_read_is_among_the_notices(tmp_path, made_up):
+    made_up(tmp_path, seconds=12.0)
+    rows = (tmp_path / "bench.csv").read_text(encoding="utf-8").splitlines(keepends=True)
+    (tmp_path / "bench.csv").write_text("".join([*rows[:100], rows[99], *rows[100:]]), encoding="utf-8")
+    said = []
+    notices = diagnose(tmp_path, say=said.append).finding["notices"]
+    assert "bench.csv: column 'inline_torque': 1 repeated instants, the first value was kept" in notices
+    assert not any("repeated" in text for text in said)  # a warning was it when it was read
 
 
 # -- inverse dynamics ------------------------------------------------------------------------------------
