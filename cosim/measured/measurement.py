@@ -402,8 +402,9 @@ def _in_order(times: np.ndarray, values: np.ndarray, table: DataTable, label: st
               notices: list[str]) -> tuple[np.ndarray, np.ndarray]:
     """Samples that exist, in increasing time; small faults are repaired and noted."""
     untimed = ~np.isfinite(times)
-    if untimed.any():
-        notices.append(f"{int(untimed.sum())} rows without a time were left out")
+    lost = untimed & np.isfinite(values)  # where both are blank a slower clock has no row, or the file none
+    if lost.any():
+        notices.append(f"{int(lost.sum())} rows without a time were left out")
     infinite = np.isinf(values)
     if infinite.any():
         notices.append(f"column '{label}': {int(infinite.sum())} infinite values were left out")

@@ -258,6 +258,18 @@ def test_an_angle_that_starts_again_after_every_turn_is_unwound(tmp_path, caplog
     assert whole["motor_position"].values == pytest.approx(angle, abs=1e-5)
 
 
+def test_a_clock_of_its_own_that_ends_before_the_others_loses_nothing(tmp_path):
+    """Nine rows "without a time were left out", in which nothing was."""
+    rows = "".join(f"{0.01 * i:.2f},{i},{0.1 * i if i < 3 else ''},{2 * i if i < 3 else ''}\n" for i in range(12))
+    (tmp_path / "a.csv").write_text("time,force,slow [s],position\n" + rows + "\n")
+    own = {"channels": {"force": {}, "position": {"time": "slow"}}}
+    found = load(tmp_path / "a.csv", own).manoeuvres[0]
+    assert (found["force"].values.size, found["position"].values.size) == (12, 3) and not found.notices
+    (tmp_path / "a.csv").write_text("time,force,slow [s],position\n" + rows + "0.2,3,,9\n")
+    assert load(tmp_path / "a.csv", own).manoeuvres[0].notices == (
+        "a.csv: 1 rows without a time were left out",)
+
+
 def test_late_samples_are_put_in_order_whichever_way_they_are_late(tmp_path):
     """One stamp of a later time, a packet of three that came late, neighbours swapped: one course all the same."""
     order = [*range(20), 40, *range(20, 40), *range(44, 60), *range(41, 44), *range(61, 80), 60]
