@@ -124,7 +124,8 @@ def switch(state, work, half_gap, time):
     """Change the mode by eq. 3.32 and 3.33, and note when a traversal starts and ends.
 
     The rate of the lash angle (eq. 2.15) is the shaft's torque over its damping, whatever the mode. A
-    traversal goes from one flank to the other; leaving a flank and returning to it is none.
+    traversal goes from one flank to the other; leaving a flank and returning to it is none. Nor is one noted whose end
+    was only predicted, for longer than without frames is put up with.
     """
     mode = state[MODE]
     if mode != 0.0:
@@ -141,7 +142,7 @@ def switch(state, work, half_gap, time):
         if side * shaft_torque(work, 0, X) > 0.0:
             state[MODE] = side
             stand_on_flank(work, side * half_gap)
-            if side != state[LEFT_FLANK]:
+            if side != state[LEFT_FLANK] and state[MISSED] <= work[MISSED_BOUND]:
                 state[START] = state[LEFT_AT]
                 state[END] = time
                 state[DURATION] = time - state[LEFT_AT]

@@ -274,6 +274,24 @@ def test_after_a_gap_in_which_the_torque_reversed_it_starts_anew(milliseconds):
         assert found["trusted"][after][0] == 0.0 and found["trusted"][-1] == 1.0
 
 
+def test_a_traversal_that_ends_in_a_gap_is_not_told():
+    """Its end was predicted, up to 80 ms late, and stood there as that of the last traversal, trusted again."""
+    record = tip_in(250)
+    signals = np.column_stack([record[name] for name in ("crankshaft_torque", "engine_speed", "wheel_speed")])
+    frames = np.column_stack([signals, np.zeros(len(signals))])[9::10]
+    time, whole = record["time"][9::10], estimate(record)["traversal_end"][-1]
+    for begin in np.arange(whole - 0.13, whole, 0.02):
+        estimator = make()
+        estimator.values[:3] = signals[0]
+        estimator.initialize()
+        lost = np.where(((time >= begin) & (time < begin + 0.3))[:, np.newaxis], np.nan, frames)
+        lost[:, 3] = 0.0
+        found = columns(estimator, estimator.simulate(lost))
+        assert found["trusted"][-1] == 1.0
+        end = found["traversal_end"][-1]
+        assert end == 0.0 or (begin > whole - 0.06 and end == pytest.approx(whole, abs=0.0101))
+
+
 def test_stiffness_wrong_on_purpose_moves_the_start():
     """Section 3.4.1: the start of the traversal is sensitive to the shaft's stiffness, its end is not."""
     record, right = tip_in(400), make()
