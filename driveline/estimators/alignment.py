@@ -15,7 +15,7 @@ import math
 from dataclasses import dataclass
 
 from ..kernels.backend import kernel
-from ..quantities import InputError, quantity
+from ..quantities import quantity
 from .estimator import Delays
 from .lumped import PLAUSIBLE_SPEED, PLAUSIBLE_TORQUE, plausible
 
@@ -47,11 +47,7 @@ class SoughtDelays(Delays):
 
     def constants(self, period: float, stretch: float) -> list[float]:
         """As the kernels read them, for a sampling period and the length of a stretch [s]."""
-        oldest = (RING - 2) * period
-        for name, delay in (("engine_speed", self.engine_speed), ("wheel_speed", self.wheel_speed)):
-            if delay > oldest:
-                raise InputError(f"delay.{name} is {delay:g} s: with a sampling.period of {period:g} s at most "
-                                 f"{oldest:g} s are kept")
+        oldest = self.longest(period, RING)
         frames = max(round(stretch / period), 2)
         return [self.engine_speed, self.wheel_speed, self.wheel_speed_deviation * self.wheel_speed_deviation,
                 WANDER * WANDER * frames * period, max(self.engine_speed - self.wheel_speed - oldest, -LONGEST),

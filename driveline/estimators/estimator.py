@@ -28,6 +28,19 @@ class Delays:
     wheel_speed: float = quantity("s", "from taking a wheel speed to reading it",
                                   start=0.0, minimum=0.0, maximum=0.05)
 
+    def longest(self, period: float, kept: int) -> float:
+        """The longest delay [s] that so many frames reach back, one ``period`` [s] apart.
+
+        Raises:
+            InputError: One of these is longer.
+        """
+        oldest = (kept - 2) * period
+        for name, delay in (("engine_speed", self.engine_speed), ("wheel_speed", self.wheel_speed)):
+            if delay > oldest:
+                raise InputError(f"delay.{name} is {delay:g} s: with a sampling.period of {period:g} s at most "
+                                 f"{oldest:g} s are kept")
+        return oldest
+
 
 @dataclass(frozen=True)
 class Noise:

@@ -519,6 +519,7 @@ class LashObserver(Estimator):
             raise InputError(f"shaft.half_gap is {p.shaft.half_gap:g} rad: an estimator of lash needs one between 0 "
                              "and 0.25 rad")
         check_forward(gear.transmission_ratio)
+        p.delay.longest(p.sampling.period, SAMPLES)
         frames = max(math.ceil(SHORTEST / p.sampling.period - 1e-6), 1)
         substeps = min(round(frames * p.sampling.period / 1e-3), MOST_SUBSTEPS)
         return np.array([

@@ -394,3 +394,11 @@ def test_a_vehicle_without_lash_is_named():
     observer = LashObserver(LashObserver.defaults_from(replace(vehicle, values=values)))
     with pytest.raises(InputError, match="shaft.half_gap is 0"):
         observer.initialize()
+
+
+@pytest.mark.parametrize("name", ["engine_speed", "wheel_speed"])
+def test_a_delay_that_is_longer_than_what_is_kept_is_refused(name):
+    """Of frames of 0.5 ms it never began, and said nothing."""
+    make(**{"sampling__period": 1e-3, f"delay__{name}": 0.045}).initialize()
+    with pytest.raises(InputError, match=f"delay.{name} is 0.045 s: .* 0.0005 s at most 0.031 s are kept"):
+        make(**{"sampling__period": 5e-4, f"delay__{name}": 0.045}).initialize()
