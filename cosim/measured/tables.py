@@ -12,6 +12,7 @@ import gzip
 import io
 import logging
 import re
+import weakref
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -232,6 +233,7 @@ def _read_mdf(path: Path) -> DataTable:
             _give_up(error)
             raise InputError(f"{path} is not a readable MDF file: {error}") from error
     if not file.channels_db:
+        file.close()
         raise InputError(f"{path} has no channels")
     samples = [group.channel_group.cycles_nr for group in file.groups]
 
@@ -256,7 +258,9 @@ def _read_mdf(path: Path) -> DataTable:
         return Column(values, signal.unit or None, np.asarray(signal.timestamps, dtype=np.float64))
 
     groups = {name: tuple(dict.fromkeys(group for group, _ in where)) for name, where in file.channels_db.items()}
-    return DataTable(path, sorted(file.channels_db), read, groups)
+    table = DataTable(path, sorted(file.channels_db), read, groups)
+    weakref.finalize(table, file.close)  # left to itself asammdf does so at an end of its own, and not on every system
+    return table
 
 
 @contextlib.contextmanager

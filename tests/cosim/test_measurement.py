@@ -3,6 +3,8 @@
 import gc
 import gzip
 import logging
+import os
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -585,6 +587,17 @@ def test_an_mdf_file_that_is_cut_off_is_named_and_nothing_else_is_said(twice, tm
 def test_an_mdf_file_without_channels_is_named(twice):
     with pytest.raises(InputError, match="a.mf4 has no channels$"):
         load(twice())
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="looks into /proc")
+@pytest.mark.parametrize("groups", [(3,), ()])
+def test_an_mdf_file_is_closed_once_it_was_read(twice, groups):
+    """On some systems nobody could delete it otherwise."""
+    path = twice(*groups)
+    with nullcontext() if groups else pytest.raises(InputError):
+        load(path)
+    opened = [os.path.realpath(entry) for entry in Path("/proc/self/fd").iterdir()]
+    assert str(path) not in opened
 
 
 def test_mdf_files_have_a_clock_for_each_group(tmp_path):
