@@ -23,11 +23,13 @@ from cosim.diagnosis.judge.finding import (
     balances,
     driven,
     either,
+    errs,
     goes_with_words,
     in_doubt,
     joint_probability,
     lacking,
     missing,
+    wrong_sensor,
 )
 from driveline.quantities import InputError
 
@@ -325,8 +327,11 @@ def _summary(finding: dict[str, Any]) -> list[str]:
         lines.append(f"  {100 * cause['probability']:3.0f} % {cause['effect']}: {numbers}")
     if unknown := finding["unknown"]:
         what, unit = missing(unknown)
-        lines.append(f"  unknown: a {what} at the {either(balances(unknown))} of {unknown['size']:.3g} {unit}; "
-                     f"it goes with {goes_with_words(unknown)}")
+        if sensor := wrong_sensor(unknown):
+            lines.append(f"  unknown: {sensor['channel']} contradicts all else, {errs(sensor)}")
+        else:
+            lines.append(f"  unknown: a {what} at the {either(balances(unknown))} of {unknown['size']:.3g} {unit}; "
+                         f"it goes with {goes_with_words(unknown)}")
     open_to = "is not excluded:" if in_doubt(finding) else "cannot be told from"
     for rival in finding["ambiguous_with"]:
         which = " alone" if lacking(finding, rival["effects"]) else (

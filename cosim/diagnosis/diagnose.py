@@ -25,8 +25,9 @@ from cosim.diagnosis.gain.swings import as_driven
 from cosim.diagnosis.judge import proposal
 from cosim.diagnosis.judge.confirm import FEWEST, Jury, words
 from cosim.diagnosis.judge.finding import believed, doubts, gained
-from cosim.diagnosis.judge.localise import Disturbance, disturbances, each_its_own, goes_with, tied
+from cosim.diagnosis.judge.localise import Disturbance, Supposed, each_its_own, goes_with, tied
 from cosim.diagnosis.judge.road import on_its_road
+from cosim.diagnosis.judge.sensors import WrongSensor, odd_one, wrong_sensors
 from cosim.diagnosis.judge.shafts import bent_shafts
 from cosim.diagnosis.judge.verdict import (
     beside,
@@ -248,10 +249,11 @@ def _driveline(diagnosis: Diagnosis, car: FullOrderCar, out: Path | None, worker
         diagnosis.finding = finding_of(predictor, found, left, shares, confirmed)
         if diagnosis.finding["verdict"] == "unknown":
             say("looking for the torque that is missing")
-            listed = _missing(predictor, found, bool(confirmed))
+            supposed = _missing(predictor, found, bool(confirmed))
+            listed = supposed.listed()
             if curve is not None:
                 listed = [curve.disturbance, *(d for d in listed if d.place != curve.disturbance.place)]
-            _localise(diagnosis, listed)
+            _localise(diagnosis, listed, odd_one(wrong_sensors(supposed), listed))
         if diagnosis.finding["ambiguous_with"]:
             say("looking for the manoeuvre that would tell " + (
                 "the causes apart" if found.best.causes else "whether anything is wrong"))
@@ -325,21 +327,21 @@ def _suspects(shares: Mapping[str, float], unknown: bool, confirmed: Collection[
     return suspects
 
 
-def _missing(predictor: Predictor, found: Identification, confirmed: bool) -> list[Disturbance]:
-    """Torques that are missing beside what is sure, the most evident first: what is not sure may only imitate one.
+def _missing(predictor: Predictor, found: Identification, confirmed: bool) -> Supposed:
+    """Torques that may be missing beside what is sure: what is not sure may only imitate one.
 
     But where causes explain far more than any torque does beside a healthy car, derivatives there know nothing of what
     is missing. Beside shafts in two stages, which are nearest to ones that harden, 62 units of it are within the
     shafts; beside a healthy car, 787 behind, 293 are at the engine and 211 within the shafts.
     """
-    listed = disturbances(predictor, found.best if confirmed else found.healthy, found.noise)
-    if not confirmed and found.best.score - found.healthy.score > _FAR_MORE * listed[0].gain:
-        return disturbances(predictor, found.best, found.noise)
-    return listed
+    supposed = Supposed(predictor, found.best if confirmed else found.healthy, found.noise)
+    if not confirmed and found.best.score - found.healthy.score > _FAR_MORE * supposed.listed()[0].gain:
+        return Supposed(predictor, found.best, found.noise)
+    return supposed
 
 
-def _localise(diagnosis: Diagnosis, listed: list[Disturbance]) -> None:
-    """Where a torque is missing, and what that goes with."""
+def _localise(diagnosis: Diagnosis, listed: list[Disturbance], sensor: WrongSensor | None) -> None:
+    """Where a torque is missing, and what that goes with; and which sensor explains more than that."""
     first = listed[0]
     variable, shape, _ = goes_with(first.table, first.follows, first.shape)
     diagnosis.finding["unknown"] = {
@@ -347,7 +349,7 @@ def _localise(diagnosis: Diagnosis, listed: list[Disturbance]) -> None:
         "balances": list(dict.fromkeys(PLACES[d.place].balance for d in tied(listed))),
         "driving_variable": variable, "shape": shape, "each_its_own": each_its_own(first.follows),
         "size": first.size, "unit": PLACES[first.place].unit,
-        "log_evidence": {d.place: d.gain for d in listed}}
+        "log_evidence": {d.place: d.gain for d in listed}, "sensor": sensor and sensor.as_json()}
     diagnosis.disturbance = first.table
 
 

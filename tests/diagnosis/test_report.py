@@ -337,6 +337,19 @@ def test_what_is_missing_is_shown_over_what_it_could_go_with(base, pages):
     assert "A twist at the transmission is missing" in text and "size: 0.01 rad;" in text
 
 
+@pytest.mark.parametrize(("kind", "size", "unit", "said"), [
+    ("delay", 0.0489, "s", "as if it were 49 ms late"), ("delay", -0.02, "s", "as if it were 20 ms early"),
+    ("factor", -1.28, "1", "as if its sign were wrong"), ("factor", 2.04, "1", "as if it showed 2.04 times what is"),
+    ("lasting", 1.5, "m/s", "by some 1.5 m/s")])
+def test_where_a_sensor_is_wrong_no_torque_is_said_to_be_missing(base, kind, size, unit, said):
+    given = diagnosis(base, "unknown")
+    given.finding["unknown"]["sensor"] = {"channel": "vehicle_speed", "kind": kind, "size": size, "unit": unit,
+                                          "log_evidence": 500.0}
+    text = " ".join(words(render(given)).split())
+    assert f"Vehicle speed contradicts all else, {said}" in text and "It is in a sensor" in text
+    assert "sensor: vehicle speed" in text and "missing" not in text and "in the car itself" not in text
+
+
 def test_what_goes_its_own_way_in_each_recording_is_shown_recording_by_recording(base):
     given = diagnosis(base, "unknown")
     given.finding["unknown"]["each_its_own"] = True

@@ -23,6 +23,7 @@ _SOMETHING_ELSE, _FOR_MANY, _PAIR = 0.03, 0.5, 2
 _AS_LIKELY, _SURER = 20.0, 4.0
 _SAID = 0.1  # probability of something else from which on it is said for that
 NOTHING = "nothing"  # for what a missing torque goes with
+DELAY, FACTOR = "delay", "factor"  # kinds of a sensor's error, beside one that lasts
 STILL = 1e-9  # share of a channel by which one that stands still changes at most, as it is rounded
 _WHAT = {"N": "force", "N.m": "torque", "rad": "twist"}  # that is missing, by its unit
 
@@ -83,6 +84,21 @@ def missing(unknown: Mapping[str, Any]) -> tuple[str, str]:
 def balances(unknown: Mapping[str, Any]) -> list[str]:
     """Where an unknown effect may be: the balance that is likeliest, and all that cannot be told from it."""
     return unknown.get("balances") or [unknown["balance"]]
+
+
+def wrong_sensor(unknown: Mapping[str, Any]) -> Mapping[str, Any] | None:
+    """The sensor whose error explains clearly more than any torque that is missing; None where there is none."""
+    return unknown.get("sensor")
+
+
+def errs(sensor: Mapping[str, Any]) -> str:
+    """What is wrong with such a sensor, as far as it is known, in words."""
+    size = sensor["size"]
+    if sensor["kind"] == DELAY:
+        return f"as if it were {1e3 * abs(size):.0f} ms {'late' if size > 0.0 else 'early'}"
+    if sensor["kind"] == FACTOR:
+        return "as if its sign were wrong" if size < 0.0 else f"as if it showed {size:.3g} times what is there"
+    return f"by some {size:.2g} {sensor['unit']}"
 
 
 def either(names: Sequence[str]) -> str:

@@ -118,18 +118,26 @@ def disturbances(predictor: Predictor, fit: Fit, noise: Noise, places: Collectio
         loaded: Whether healthy shafts may be bent by more the more they carry. That says whether a torque is missing;
             where it is, it hides.
     """
-    supposed = _Supposed(predictor, fit, noise, places, loaded)
-    return sorted((supposed.missing(place) for place in places), key=lambda d: -d.gain)
+    return Supposed(predictor, fit, noise, places, loaded).listed()
 
 
-class _Supposed:
-    """Every torque that may be missing at some places, as large as is most evident; arguments as ``disturbances``."""
+class Supposed:
+    """Every torque that may be missing at some places, as large as is most evident; arguments as ``disturbances``.
 
-    def __init__(self, predictor: Predictor, fit: Fit, noise: Noise, places: Collection[str], loaded: bool) -> None:
-        self.runs = predictor.runs
+    Attributes:
+        predictor, runs, fit, noise, places: Of what.
+        scales: Of each run, standard deviation of every sample.
+        healthy: Each run as healthy cars may drive it.
+        torques: By place and what they go with.
+        left: Of each run, by what the noise's variance is larger than ``scales`` say.
+    """
+
+    def __init__(self, predictor: Predictor, fit: Fit, noise: Noise, places: Collection[str] = PLACES,
+                 loaded: bool = False) -> None:
+        self.predictor, self.runs, self.fit, self.noise, self.places = predictor, predictor.runs, fit, noise, places
         # as large as a sum of squares has it: what wanders is alike from sample to sample, and no torque that is
         # missing; and whether a run is doubtful is not asked here
-        scales = noise.undoubted.scales
+        scales = self.scales = noise.undoubted.scales
         self.signals = [signals_of(predictor, fit, r) for r in range(len(self.runs))]
         self.followed = {name: [pieces(name, own, self.signals) for own in self.signals] for name in QUICK}
         self.followed[ROLL] = housings(predictor, self.signals)
@@ -139,7 +147,7 @@ class _Supposed:
                      name: self.followed[name] for name in quick_at(place)}).items()}
         bends = {(place, name): bent(place, name, knots_of(name, self.signals), loaded) for place, name in BENDS}
         layout = Layout(predictor.coordinates, predictor.repeats)
-        healthy = [Healthy(layout, r, fit, (run.stacked - fit.predicted[r]) / scale, scale,
+        healthy = self.healthy = [Healthy(layout, r, fit, (run.stacked - fit.predicted[r]) / scale, scale,
                            [sizes * moved[which][r] for which, sizes in bends.items()])
                    for r, (run, scale) in enumerate(zip(self.runs, scales))]
         # of what may be supposed of the mounts only what explains most goes on
@@ -159,6 +167,10 @@ class _Supposed:
             self.left = [max(1.0, min(own)) for own in leaves]
         self.gains = {which: torque.gain(self.sizes[which], self.left) - _price(which[1])
                       for which, torque in self.torques.items()}
+
+    def listed(self) -> list[Disturbance]:
+        """The likeliest at each of these places, the most evident first."""
+        return sorted((self.missing(place) for place in self.places), key=lambda d: -d.gain)
 
     def missing(self, place: str) -> Disturbance:
         """The likeliest at one of these places."""
@@ -198,8 +210,12 @@ def tied(found: Sequence[Disturbance]) -> list[Disturbance]:
     Behind a torque meter what is slow is the same on the propeller shaft, the axle, the wheels and, but for how its
     tyres slip, the vehicle.
     """
-    first = found[0]
-    return [d for d in found if separation(first.gain - d.gain) < APART or first.gain - d.gain < _ALIKE * first.gain]
+    return [d for d in found if not clearer(found[0].gain, d.gain)]
+
+
+def clearer(gain: float, other: float) -> bool:
+    """Whether what has so much log evidence is told from what has less."""
+    return separation(gain - other) >= APART and gain - other >= _ALIKE * gain
 
 
 def _is_own(variable: str, place: str) -> bool:

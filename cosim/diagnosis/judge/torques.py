@@ -213,8 +213,12 @@ class Torque:
         self.roots = [np.linalg.cholesky(alike(slopes[group[0]].shape[1])) for group in self.groups]
         self._told: tuple[tuple[float, ...], list[tuple[np.ndarray, np.ndarray]]] = ((), [])
 
-    def _information(self, left: Sequence[float]) -> list[tuple[np.ndarray, np.ndarray]]:
-        """What each run says of the heights, whatever its coordinates are."""
+    def information(self, left: Sequence[float]) -> list[tuple[np.ndarray, np.ndarray]]:
+        """What each run says of the heights, whatever its coordinates are: information matrix and vector.
+
+        Args:
+            left: Of each run, by what the noise's variance is larger.
+        """
         if self._told[0] != tuple(left):
             told = []
             for r, (own, cross) in enumerate(zip(self.healthy, self.cross)):
@@ -226,8 +230,8 @@ class Torque:
 
     def _solved(self, size: float, left: Sequence[float]) -> list[tuple[np.ndarray, np.ndarray, float]]:
         """Of each group of runs, mean and covariance of the heights, and log evidence."""
-        told = self._information(left)
-        return [_posterior([told[r] for r in group], size * root) for group, root in zip(self.groups, self.roots)]
+        told = self.information(left)
+        return [posterior([told[r] for r in group], size * root) for group, root in zip(self.groups, self.roots)]
 
     def gain(self, size: float, left: Sequence[float]) -> float:
         """Log evidence over no torque if its pieces are of some size.
@@ -240,9 +244,9 @@ class Torque:
 
     def alone(self, size: float, left: Sequence[float]) -> np.ndarray:
         """The same of each run as if it were the only one."""
-        told = self._information(left)
+        told = self.information(left)
         return np.array([evidence for group, root in zip(self.groups, self.roots)
-                         for _, _, evidence in (_posterior([told[r]], size * root) for r in group)])
+                         for _, _, evidence in (posterior([told[r]], size * root) for r in group)])
 
     def solve(self, size: float, left: Sequence[float]) -> list[tuple[np.ndarray, np.ndarray]]:
         """Of each run, most probable heights and their covariance."""
@@ -258,7 +262,7 @@ class Torque:
         return found
 
 
-def _posterior(told: Sequence[tuple[np.ndarray, np.ndarray]],
+def posterior(told: Sequence[tuple[np.ndarray, np.ndarray]],
                root: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     """Mean and covariance of heights, and log evidence, from what some runs say of them together.
 

@@ -24,6 +24,7 @@ from cosim.diagnosis.judge.finding import (
     lacking,
     missing,
     shown_from,
+    wrong_sensor,
 )
 from cosim.report import svg
 from cosim.report.diagnosis.pictures import over_time, what_is_missing
@@ -52,6 +53,7 @@ _SENSORS = {"engine_speed": "engine", "turbine_speed": "transmission", "vehicle_
             "transmission_output_speed": "propeller shaft", "propeller_shaft_torque": "propeller shaft",
             "wheel_speed": "wheel", "seat_acceleration": "vehicle", "differential_acceleration": "axle",
             "engine_torque": "engine", "road_grade": "vehicle", "brake_torque": "wheel"}
+_KINDS = {"sensor": "in a sensor", "input": "in what drives the simulation"}
 _SAME, _CLOSE = 2.0, 3.0  # sigma: below, causes cannot be told apart, or hardly
 
 
@@ -60,6 +62,9 @@ def render(diagnosis: Diagnosis) -> str:
     finding = dict.fromkeys(("next_manoeuvre", "unknown", "extension", "gain")) | diagnosis.finding
     traces, names = diagnosis.traces, [run.name for run in diagnosis.runs]
     right = names if finding["verdict"] == "none" else []
+    unknown = finding["unknown"]
+    if unknown and wrong_sensor(unknown):  # then no torque is
+        unknown = None
     return _PAGE.render(
         title=f"Diagnosis of {diagnosis.measurement.name}", verdict=finding["verdict"],
         head=tag(finding), headline=headline(finding), about=about(finding),
@@ -72,8 +77,8 @@ def render(diagnosis: Diagnosis) -> str:
         shares=_shares(finding, getattr(diagnosis, "suspects", [])),
         causes=[_cause(c, finding, diagnosis.car.values) for c in shown_causes(finding)], doubt=in_doubt(finding),
         why=why(finding), explained=believed(finding), place=_place(diagnosis), rivals=_rivals(finding),
-        next=_next(finding["next_manoeuvre"]), unknown=_unknown(finding["unknown"]),
-        disturbances=what_is_missing(finding["unknown"], getattr(diagnosis, "disturbance", {}), names),
+        next=_next(finding["next_manoeuvre"]), unknown=_unknown(unknown),
+        disturbances=what_is_missing(unknown, getattr(diagnosis, "disturbance", {}), names),
         gain=_gain(finding["gain"]), extension=finding["extension"], extended=extended(finding),
         notices=diagnosis.notices, seconds=diagnosis.seconds, **_detectable(finding.get("would_show", ())))
 
@@ -180,9 +185,14 @@ def _place(diagnosis: Diagnosis) -> dict[str, Any] | None:
             marked.setdefault(effect.acts_on if of_it else _SENSORS.get(signal, signal), []).append(
                 words(name) if of_it else f"{effect.kind}: {words(signal)}")
     places = _kinds(named, itself)
-    if finding["verdict"] == "unknown" and finding.get("unknown"):
-        for balance in balances(finding["unknown"]):
-            marked.setdefault(balance, []).append(f"missing {missing(finding['unknown'])[0]}")
+    unknown = finding["verdict"] == "unknown" and finding.get("unknown")
+    sensor = unknown and wrong_sensor(unknown)
+    if sensor:
+        marked.setdefault(_SENSORS[sensor["channel"]], []).append(f"sensor: {words(sensor['channel'])}")
+        places = list(dict.fromkeys([*places, _KINDS["sensor"]]))
+    elif unknown:
+        for balance in balances(unknown):
+            marked.setdefault(balance, []).append(f"missing {missing(unknown)[0]}")
         places = list(dict.fromkeys([*places, itself]))
     if not places:
         return None
@@ -191,7 +201,7 @@ def _place(diagnosis: Diagnosis) -> dict[str, Any] | None:
         drawn = Markup(svg.chain(_PLACES, {k: list(dict.fromkeys(v)) for k, v in marked.items()},
                                  "where it is: " + ", ".join(marked)))
     if len(places) == 1:
-        where = places[0] + ("" if places[0] == itself else f"; the {what} itself is as its file says")
+        where = places[0] + ("" if places[0] == itself or sensor else f"; the {what} itself is as its file says")
     elif open_to:
         where = _open_places([_kinds([*sure, *choice], itself) for choice in choices])
     else:
@@ -201,7 +211,7 @@ def _place(diagnosis: Diagnosis) -> dict[str, Any] | None:
 
 def _kinds(effects: Iterable[str], itself: str) -> list[str]:
     """Of which kinds effects are, in words, each once."""
-    said = {"sensor": "in a sensor", "input": "in what drives the simulation", "plant": itself}
+    said = _KINDS | {"plant": itself}
     return list(dict.fromkeys(said[CATALOGUE[effect].kind] for effect in effects if effect in CATALOGUE))
 
 

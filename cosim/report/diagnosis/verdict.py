@@ -11,10 +11,12 @@ from cosim.diagnosis.judge.finding import (
     balances,
     believed,
     either,
+    errs,
     goes_with_words,
     in_doubt,
     lacking,
     missing,
+    wrong_sensor,
 )
 from cosim.report import svg
 from cosim.report.diagnosis.text import dotted, with_unit, words
@@ -44,8 +46,12 @@ def headline(finding: Mapping[str, Any]) -> str:
         unknown = finding["unknown"]
         if not unknown:
             return "The simulation is wrong, and no known effect explains it"
-        also = (f"a {missing(unknown)[0]} at the {either(balances(unknown))} is missing that no known effect explains: "
-                f"it goes with {goes_with_words(unknown)}")
+        if sensor := wrong_sensor(unknown):
+            also = (f"{words(sensor['channel'])} contradicts all else, {dotted(errs(sensor))}, and no known effect "
+                    "explains that")
+        else:
+            also = (f"a {missing(unknown)[0]} at the {either(balances(unknown))} is missing that no known effect "
+                    f"explains: it goes with {goes_with_words(unknown)}")
         named = "; ".join(f"{words(c['effect'])}: {moved(c)}" for c in named_causes(finding))
         also = f"{named}; beside that {also}" if named else also
         return also[0].upper() + also[1:]
