@@ -27,6 +27,7 @@ _SHUFFLE = np.arange(1.5, 14.0, 0.15)  # Hz
 _DECAY = np.geomspace(0.3, 16.0, 13)  # 1/s
 _EDGE = round(0.05 * _RATE)  # samples of the grid at its ends, of which no change can be taken
 _LAGS = np.arange(-32, 33)  # samples of the grid
+_STEEP = 10.0  # times: more is no factor of a torque meter, either way
 _RINGING = ("propeller_shaft_torque", "inline_torque", "engine_speed", "turbine_speed", "motor_speed",
             "seat_acceleration")
 _TORQUES = ("propeller_shaft_torque", "inline_torque")
@@ -218,7 +219,8 @@ class Reader:
     def _shift(self, name: str, values: np.ndarray) -> tuple[float | None, float | None, float]:
         """How much later [s] and larger than the reference the channel's changes are; what is left.
 
-        Neither where they would have to be moved further than is looked at: then something else makes them differ.
+        Neither where they would have to be moved further than is looked at, or are more nearly the reference's turned
+        round, which half a period of shuffle later looks alike: then something else makes them differ.
         """
         rows, changes = self._shifted[name], self._centred(values)
         power = np.sum(rows**2, axis=1)
@@ -230,18 +232,20 @@ class Reader:
         lag = _vertex(_LAGS / _RATE, explained, best)
         left = (float(changes @ changes) - float(np.interp(lag, _LAGS / _RATE, explained))) / changes.size
         scale = float(np.interp(lag, _LAGS / _RATE, product / power))
-        if best in (0, _LAGS.size - 1):
+        if best in (0, _LAGS.size - 1) or -np.min(explained) > explained[best]:
             return None, None, left
         return lag, scale if scale > 0.0 else None, left
 
-    def _line(self, x: np.ndarray, y: np.ndarray, lag: float) -> tuple[float, float]:
+    def _line(self, x: np.ndarray, y: np.ndarray, lag: float) -> tuple[float | None, float | None]:
         """Factor and offset from x to y, which is as much later [s]; that it is some more or less does not change them.
+
+        Neither where x hardly changes beside y, or y beside x: at a torque of 0 the line would be far from both.
         """
         late = np.interp(self.grid - lag, self.grid, x)
         inner = _EDGE + int(np.ceil(abs(lag) * _RATE))  # samples at the ends that another would be needed for
         design = np.column_stack([late, np.ones(late.size), _changes(late)])[inner:-inner]
         factor, offset, _ = np.linalg.lstsq(design, y[inner:-inner], rcond=None)[0]
-        return float(factor), float(offset)
+        return (float(factor), float(offset)) if 1.0 / _STEEP < abs(factor) < _STEEP else (None, None)
 
     def _shuffle(self, values: np.ndarray) -> tuple[float | None, float | None]:
         """Frequency [Hz] and damping ratio of a damped oscillation over a parabola, by variable projection."""

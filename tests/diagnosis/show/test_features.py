@@ -120,6 +120,24 @@ def test_another_frequency_is_no_shift():
     assert after > 0.2 * before
 
 
+def test_what_is_turned_round_is_not_half_a_period_late():
+    """As of an accelerometer that is mounted upside down."""
+    reference = recorded(step, seat_acceleration=smooth(6.0))
+    turned = read(recorded(step, seat_acceleration=lambda time: -smooth(6.0)(time)), reference)
+    assert not {("seat_acceleration", "lag"), ("seat_acceleration", "amplitude")} & set(turned)
+    assert ("seat_acceleration", "waveform") in turned
+    assert ("seat_acceleration", "lag") in read(reference)
+
+
+def test_beside_a_torque_that_hardly_changes_another_has_no_gain_or_zero_offset():
+    """As where the simulation's torque coasts, and the car's does not."""
+    def coasting(time):
+        return -45.0 + 0.2 * time
+
+    found = read(recorded(step, propeller_shaft_torque=smooth(6.0)), recorded(step, propeller_shaft_torque=coasting))
+    assert not {("propeller_shaft_torque", "gain"), ("propeller_shaft_torque", "zero offset")} & set(found)
+
+
 def test_gain_and_zero_offset_of_a_torque_are_told_apart():
     base = ringing(5.0, 0.06)
     found = read(recorded(step, propeller_shaft_torque=lambda time: 1.04 * base(time) - 12.0),
