@@ -44,7 +44,7 @@ from cosim.diagnosis.search.identification import APART, Identification
 from cosim.diagnosis.search.identify import Search
 from cosim.diagnosis.show.residuals import wrong
 from cosim.files import write_text
-from cosim.measured import Measurement, load
+from cosim.measured import Channel, Manoeuvre, Measurement, load
 from cosim.workers import cores
 
 log = logging.getLogger("cosim")
@@ -188,6 +188,10 @@ def _notices(measurement: Measurement, car: InstrumentedPlant, runs: list[Run], 
         "vehicle_speed": "without a vehicle speed tyre slip and rolling radius cannot be told"}
     if isinstance(car, FullOrderCar):
         notices += [text for name, text in blind.items() if name not in present]
+        notices += [f"{manoeuvre.name}: {name} reads the same number again and again for {_lasts(of):.2g} s, from "
+                    f"{of.time[0]:.3g} to {of.time[-1]:.3g} s: its sensor hangs or is at its limit, and it is left out "
+                    "there" for manoeuvre in map(Manoeuvre.from_zero, measurement.manoeuvres)
+                    for name, of in car.hanging(manoeuvre).items()]
     notices += [f"{manoeuvre.name}: times count from {manoeuvre.zero:.15g} s of its file"
                 for manoeuvre in measurement.manoeuvres if manoeuvre.zero and isinstance(car, FullOrderCar)]
     for run in runs:
@@ -201,6 +205,11 @@ def _notices(measurement: Measurement, car: InstrumentedPlant, runs: list[Run], 
     if len(runs) == 1:
         notices.append("one recording: nothing can be predicted that was not fitted, so every cause is less sure")
     return notices
+
+
+def _lasts(hanging: Channel) -> float:
+    """How long samples that repeat others last together [s]."""
+    return float(hanging.time.size * np.median(np.diff(hanging.time)))
 
 
 # -- benches ---------------------------------------------------------------------------------------

@@ -14,11 +14,12 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import median_filter
 
 from cosim.diagnosis.plants.base import SHORTEST, InstrumentedPlant, compared
+from cosim.diagnosis.plants.frozen import frozen
 from cosim.diagnosis.plants.gaps import gaps, known
 from cosim.diagnosis.plants.observation import CHANNELS, Errors
 from cosim.diagnosis.plants.ripple import beyond_samples, swing
 from cosim.diagnosis.plants.run import STEP, Nuisance, Run, ends
-from cosim.measured import Manoeuvre, Measurement
+from cosim.measured import Channel, Manoeuvre, Measurement
 from driveline.elements.driveline_parts import in_gear
 from driveline.kernels import layout as k
 from driveline.plants.assembly import Assembly, Term
@@ -32,6 +33,7 @@ LONGEST = 15.0  # a longer recording is cut [s]: start speed and grade are const
 RUNS = 6  # at most so many stretches of one long recording
 _IMPULSE = 0.1  # N.m.s: a gap in which less may have been lost is no more than the torque wanders by
 _GAPS = 6  # of a run that are estimated; a slow logger has one after the other, and each takes simulations
+_ENDED = 0.4  # s from its first or last sample: beyond, which no delay of a sensor is, nothing leads along a channel
 _FINE = 0.02  # s: how finely the gear, and whether clutch and brake let it be compared, are looked at in a drive
 # By how much the ratio of speeds may be off its gear's, by slip of tyres and clutch, and by how much that of all gears,
 # by what a vehicle file may have wrong; the closest gears are 8 % apart.
@@ -239,6 +241,7 @@ class FullOrderCar(InstrumentedPlant):
                              f"{', '.join(self.channels[:5])} is needed")
         self._check_forward(manoeuvre)
         start, stop = self._span(manoeuvre)
+        manoeuvre = self._alive(manoeuvre)
         if stop - start <= LONGEST and "gear" not in manoeuvre and manoeuvre.kind != "drive":
             run = self._run(manoeuvre, present, manoeuvre.name, start, stop)
             return [run] if run else [], []
@@ -254,6 +257,18 @@ class FullOrderCar(InstrumentedPlant):
     def _dead(self, manoeuvre: Manoeuvre) -> list[str]:
         """What always reads the same: such a sensor was not there."""
         return [name for name in self.channels if name in manoeuvre and np.ptp(manoeuvre[name].values) == 0.0]
+
+    def hanging(self, manoeuvre: Manoeuvre) -> dict[str, Channel]:
+        """Of every channel that reads the same number again and again, which no sensor does that measures, the samples
+        that do."""
+        return {name: of for name in self.channels if name in manoeuvre
+                and (of := _where(manoeuvre[name], frozen(manoeuvre[name].values))).time.size}
+
+    def _alive(self, manoeuvre: Manoeuvre) -> Manoeuvre:
+        """The same without these samples."""
+        alive = {name: _where(manoeuvre[name], ~np.isin(manoeuvre[name].time, hanging.time))
+                 for name, hanging in self.hanging(manoeuvre).items()}
+        return dataclasses.replace(manoeuvre, channels={**manoeuvre.channels, **alive}) if alive else manoeuvre
 
     def whole(self, manoeuvre: Manoeuvre) -> Run | None:
         """A recording from the first to the last of its torque, whatever else is there then, led by nothing.
@@ -408,11 +423,18 @@ def led_by(run: Run, raw: Mapping[str, np.ndarray]) -> Run:
                                                       if name in run.clocks})
 
 
+def _where(channel: Channel, which: np.ndarray) -> Channel:
+    """Some samples of a channel."""
+    return dataclasses.replace(channel, time=channel.time[which], values=channel.values[which])
+
+
 @lru_cache(maxsize=64)  # most of what is varied does nothing to a sensor that leads
 def _leading(shown: CubicSpline, errors: Errors, start: float, steps: int) -> tuple[np.ndarray, np.ndarray]:
     """What a channel was at every step before its sensor erred, and whether it is known there."""
-    stamps = np.clip(errors.stamps(ends(start, steps) - 0.5 * STEP), shown.x[0], shown.x[-1])
-    return (shown(stamps) - errors.offset) / errors.gain, known(shown.x, stamps)
+    stamps = errors.stamps(ends(start, steps) - 0.5 * STEP)
+    inside = np.clip(stamps, shown.x[0], shown.x[-1])
+    there = known(shown.x, inside) & (np.abs(stamps - inside) < _ENDED)
+    return (shown(inside) - errors.offset) / errors.gain, there
 
 
 def _anchors(manoeuvre: Manoeuvre) -> dict[str, CubicSpline]:
