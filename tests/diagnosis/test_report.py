@@ -346,8 +346,17 @@ def test_where_a_sensor_is_wrong_no_torque_is_said_to_be_missing(base, kind, siz
     given.finding["unknown"]["sensor"] = {"channel": "vehicle_speed", "kind": kind, "size": size, "unit": unit,
                                           "log_evidence": 500.0}
     text = " ".join(words(render(given)).split())
-    assert f"Vehicle speed contradicts all else, {said}" in text and "It is in a sensor" in text
+    assert f"Vehicle speed contradicts all else, {said}" in text and "It is in a sensor: vehicle speed." in text
     assert "sensor: vehicle speed" in text and "missing" not in text and "in the car itself" not in text
+
+
+def test_a_torque_missing_at_the_engine_may_be_an_error_of_what_drives_the_simulation(base):
+    given = diagnosis(base, "unknown")
+    given.finding["unknown"] |= {"balance": "engine", "balances": ["engine", "transmission"]}
+    text = " ".join(words(render(given)).split())
+    assert "It is in the car itself, or in what drives the simulation: engine, transmission." in text
+    given.finding["unknown"] |= {"balance": "axle", "balances": ["axle"]}
+    assert "It is in the car itself: axle." in " ".join(words(render(given)).split())
 
 
 def test_what_goes_its_own_way_in_each_recording_is_shown_recording_by_recording(base):

@@ -193,7 +193,9 @@ def _place(diagnosis: Diagnosis) -> dict[str, Any] | None:
     elif unknown:
         for balance in balances(unknown):
             marked.setdefault(balance, []).append(f"missing {missing(unknown)[0]}")
-        places = list(dict.fromkeys([*places, itself]))
+        # what is missing there is the same as an error of the torque that it is driven by
+        own = f"{itself}, or {_KINDS['input']}" if _SENSORS["engine_torque"] in balances(unknown) else itself
+        places = list(dict.fromkeys([*places, own]))
     if not places:
         return None
     drawn = None
@@ -201,12 +203,14 @@ def _place(diagnosis: Diagnosis) -> dict[str, Any] | None:
         drawn = Markup(svg.chain(_PLACES, {k: list(dict.fromkeys(v)) for k, v in marked.items()},
                                  "where it is: " + ", ".join(marked)))
     if len(places) == 1:
-        where = places[0] + ("" if places[0] == itself or sensor else f"; the {what} itself is as its file says")
+        where = places[0] + ("" if places[0] == itself or unknown else f"; the {what} itself is as its file says")
     elif open_to:
         where = _open_places([_kinds([*sure, *choice], itself) for choice in choices])
     else:
         where = ", ".join(f"partly {place}" for place in places)
-    return {"where": where, "places": ", ".join(marked), "svg": drawn}
+    told = ", ".join(words(sensor["channel"]) if sensor and _SENSORS[sensor["channel"]] == place else place
+                     for place in marked)
+    return {"where": where, "places": told, "svg": drawn}
 
 
 def _kinds(effects: Iterable[str], itself: str) -> list[str]:
