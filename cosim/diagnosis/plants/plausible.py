@@ -24,10 +24,11 @@ _TORQUE = 3.0  # times what the engine can give
 _CARRIED = 6.0  # times what the gears make of the engine's torque, either way
 _LIVELY = 0.1  # share of the engine's torque by which it has to change, for that to be asked
 _ROLLING = 1.0  # m/s
-# What is slower than shuffle is about what the vehicle file makes it. In 54 blind cases the torque correlates with that
-# by 0.98 and more, the seat's acceleration by 0.92, 0.9 to 1.2 times as large; with every effect of the catalogue at
-# its limits by 0.86 and 0.72, 0.6 to 1.2 times. Turned round, the engine's torque leaves 7 times as much and more, at
-# those limits 0.6 times and more, in the drive on the road 4 times.
+# What is slower than shuffle is about what the vehicle file makes it. With every effect of the catalogue at its limits,
+# in a tip-in, a coast-down and a pulse train, torque and seat's acceleration correlate with what it makes them by 0.94
+# and more, the seat 0.6 to 1.5 times as large; by 0.54 where the engine's torque is 0.3 s late, in pulses. Led along
+# the speeds the engine's torque turned round leaves 7 times as much and more in 54 blind cases, at those limits 0.6
+# times and more, in the drive on the road 4 times; led by nothing, 0.2 times on a slope of a tenth.
 _SLOW = 0.5  # s, over which means are taken
 _WITH = 0.5  # correlation from which on one goes with the other; below minus that against it, as its sign is wrong
 _BETTER = 4.0  # times less is unlike it where the engine's torque is turned round
@@ -124,12 +125,15 @@ def _check_signs(car: FullOrderCar, lively: Sequence[Run]) -> None:
     """Whether what is slow has the direction that the vehicle file gives it, and the seat feels about as much."""
     try:
         as_is, turned = ([_slow(car, run, gain) for run in lively] for gain in (1.0, -1.0))
+        # led along a channel that is wrong it would do what that says; but only led it stands a slope, which turns
+        # speeds as a torque does and nothing here
+        alone = [_slow(car, run if run.unknown_road else run.free, 1.0) for run in lively]
     except ArithmeticError:  # what cannot be simulated as it is is refused where it is fitted
         return
     if _unlike(turned) < _unlike(as_is) / _BETTER:
         raise InputError("all else goes up where engine_torque goes down: is its sign right?")
     for name in ("propeller_shaft_torque", "seat_acceleration"):
-        both = [found[name] for found in as_is if name in found]
+        both = [found[name] for found in alone if name in found]
         if not both:
             continue
         simulated, measured = (np.concatenate(parts) for parts in zip(*both))

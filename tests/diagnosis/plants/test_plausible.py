@@ -92,6 +92,22 @@ def test_a_torque_that_no_engine_gives_is_said(recorded):
         check(car, [replace(run, inputs=1e3 * run.inputs) for run in runs])
 
 
+def test_signs_are_asked_of_the_vehicle_and_not_of_what_another_channel_says(recorded, tmp_path):
+    """A channel that is wrong leads the simulation, and turned the seat round."""
+    hide([], 1, tmp_path / "m", structure="same", manoeuvres=["tip_in:5"])
+    measurement = load(tmp_path / "m")
+    manoeuvre, = measurement.manoeuvres
+    speed = manoeuvre["engine_speed"]
+    twice = replace(manoeuvre, channels={
+        **manoeuvre.channels, "engine_speed": replace(speed, values=2.0 * speed.values)})
+    car, _ = recorded
+    runs = car.runs(replace(measurement, manoeuvres=(twice,)))
+    plausible._check_signs(car, runs)
+    seat = {**runs[0].measured, "seat_acceleration": -runs[0].measured["seat_acceleration"]}
+    with pytest.raises(InputError, match="seat_acceleration goes down"):
+        plausible._check_signs(car, [replace(runs[0], measured=seat)])
+
+
 @pytest.mark.parametrize("others", [1.0, -1.0])
 def test_a_torque_that_goes_against_the_speeds_is_said(recorded, others):
     """Not that what is beside it has the other sign, whichever that has."""
