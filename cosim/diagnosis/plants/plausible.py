@@ -74,16 +74,34 @@ def _as_of_the_vehicle(car: FullOrderCar, run: Run) -> dict[str, float]:
 def _check_gear(car: FullOrderCar, run: Run, speeds: Mapping[str, float]) -> None:
     """Whether what turns before the gears and what turns behind them agree among themselves, but in another gear."""
     sides = [[speeds[name] for name in side if name in speeds] for side in (_BEFORE_GEARS, _BEHIND)]
-    if "turbine_speed" not in speeds or min(map(len, sides)) == 0 or max(map(len, sides)) < 2:
+    if min(map(len, sides)) == 0 or max(map(len, sides)) < 2 or any(max(side) > _ALIKE * min(side) for side in sides):
         return
-    if any(max(side) > _ALIKE * min(side) for side in sides):
-        return
-    gears = car.gears
-    ratio = gears[run.gear] * speeds["turbine_speed"] / float(np.median(sides[1]))
+    gears, behind = car.gears, float(np.median(sides[1]))
+    off = speeds["turbine_speed"] / behind if "turbine_speed" in speeds else _off_by_engine(car, run, speeds, behind)
+    ratio = gears[run.gear] * off
     nearest = car.gear_of(ratio * car.values["final_drive.ratio"])
     if nearest != run.gear and apart(ratio / gears[run.gear]) > _ALIKE > apart(ratio / gears[nearest]):
         raise InputError(f"{run.name}: the speeds before and behind the gears have a ratio of {ratio:.3g}, as in gear "
                          f"{nearest}; gear {run.gear}, as the measurement says, has {gears[run.gear]:.3g}")
+
+
+def _off_by_engine(car: FullOrderCar, run: Run, speeds: Mapping[str, float], behind: float) -> float:
+    """How many times as fast as in its gear the turbine turns over what is behind the gears, by the engine's speed; 1
+    where that may be slip.
+
+    An engine that drives turns no slower than the turbine, and one that is driven no faster.
+    """
+    name = next(name for name in _BEHIND if name in speeds)
+    rolling, clock, torque = car.rolling(run.gear), run.clocks["engine_speed"], run.inputs[:, car.columns[car.driver]]
+    engine = rolling["engine_speed"] * run.measured["engine_speed"]
+    off = engine / np.maximum(np.interp(clock, run.clocks[name], rolling[name] * run.measured[name]), 0.1 * behind)
+    given = np.interp(clock, run.time, torque)
+    driving, driven = given > _LIVELY * car.values["engine.maximum_torque"], given < 0.0
+    if driving.any() and (least := float(np.median(off[driving]))) < 1.0:
+        return least
+    if driven.any() and (most := float(np.median(off[driven]))) > 1.0:
+        return most
+    return 1.0
 
 
 def _check_speeds(rows: Sequence[Mapping[str, float]]) -> None:

@@ -141,10 +141,27 @@ def test_speeds_count_forward(recorded):
         car.runs(Measurement("m", None, None, (Manoeuvre("m", "tip_in", 4, channels),)))
 
 
+def test_by_the_engine_alone_a_gear_is_told_from_slip(recorded):
+    car, runs = recorded
+    tip_in = next(run for run in runs if run.kind == "tip_in")
+    alone = tip_in.only([name for name in tip_in.clocks if name != "turbine_speed"])
+    check(car, [alone])
+    for gear in (3, 5):
+        with pytest.raises(InputError, match=f"as in gear 4; gear {gear}, as the measurement says"):
+            check(car, [replace(alone, gear=gear)])
+    # as far as an engine that drives turns faster than the turbine it slips
+    torque = np.interp(alone.clocks["engine_speed"], alone.time, alone.inputs[:, car.columns["engine_torque"]])
+    faster = np.where(torque > 0.0, 1.3, 1.0) * alone.measured["engine_speed"]
+    check(car, [replace(alone, measured={**alone.measured, "engine_speed": faster}).only(
+        [name for name in alone.clocks if name.endswith("speed")])])
+
+
 def test_another_gear_than_the_measurement_says_is_named(recorded):
     car, runs = recorded
     with pytest.raises(InputError, match=f"{runs[0].name}: .*as in gear 4; gear 5, as the measurement says"):
         check(car, [replace(runs[0], gear=5), runs[1]])
     blind = runs[0].only([name for name in runs[0].clocks if name != "turbine_speed"])
-    check(car, [replace(blind, gear=5)])  # an engine may turn faster than its turbine
+    torque = np.arange(len(car.columns)) == car.columns["engine_torque"]
+    driving = replace(blind, gear=5, inputs=np.where(torque, np.maximum(blind.inputs, 1.0), blind.inputs))
+    check(car, [driving])  # an engine that drives may turn faster than its turbine
     check(car, [replace(runs[0], gear=5, kind="drive")])  # one's gear is a channel, as quick as any
