@@ -188,6 +188,10 @@ def _notices(measurement: Measurement, car: InstrumentedPlant, runs: list[Run], 
         "vehicle_speed": "without a vehicle speed tyre slip and rolling radius cannot be told"}
     if isinstance(car, FullOrderCar):
         notices += [text for name, text in blind.items() if name not in present]
+        notices += [f"{manoeuvre.name}: {', '.join(held)} held between samples; only those that were measured count"
+                    for manoeuvre in measurement.manoeuvres
+                    if (held := [name for name, channel in car.updated(manoeuvre).channels.items()
+                                 if channel is not manoeuvre[name]])]
         notices += [f"{manoeuvre.name}: {name} reads the same number again and again for {_lasts(of):.2g} s, from "
                     f"{of.time[0]:.3g} to {of.time[-1]:.3g} s: its sensor hangs or is at its limit, and it is left out "
                     "there" for manoeuvre in map(Manoeuvre.from_zero, measurement.manoeuvres)

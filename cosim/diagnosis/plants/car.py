@@ -16,6 +16,7 @@ from scipy.ndimage import median_filter
 from cosim.diagnosis.plants.base import SHORTEST, InstrumentedPlant, compared
 from cosim.diagnosis.plants.frozen import frozen
 from cosim.diagnosis.plants.gaps import gaps, known
+from cosim.diagnosis.plants.held import updates
 from cosim.diagnosis.plants.observation import CHANNELS, Errors
 from cosim.diagnosis.plants.ripple import beyond_samples, swing
 from cosim.diagnosis.plants.run import STEP, Nuisance, Run, ends
@@ -233,7 +234,7 @@ class FullOrderCar(InstrumentedPlant):
         """Its liveliest stretches and the others, each in order of time."""
         for name in (dead := self._dead(manoeuvre)):
             log.warning("%s: %s always reads %g, so it is left out", manoeuvre.name, name, manoeuvre[name].values[0])
-        manoeuvre = manoeuvre.without(dead)
+        manoeuvre = self.updated(manoeuvre.without(dead))
         self._driven(manoeuvre)
         present = [name for name in self.channels if name in manoeuvre]
         if not any(name.endswith("speed") for name in present):
@@ -258,9 +259,16 @@ class FullOrderCar(InstrumentedPlant):
         """What always reads the same: such a sensor was not there."""
         return [name for name in self.channels if name in manoeuvre and np.ptp(manoeuvre[name].values) == 0.0]
 
+    def updated(self, manoeuvre: Manoeuvre) -> Manoeuvre:
+        """The same with the samples that were measured of channels that were held in between."""
+        held = {name: _where(manoeuvre[name], places) for name in (*self.channels, self.driver) if name in manoeuvre
+                and (places := updates(manoeuvre[name].values, stays=name == self.driver)) is not None}
+        return dataclasses.replace(manoeuvre, channels={**manoeuvre.channels, **held}) if held else manoeuvre
+
     def hanging(self, manoeuvre: Manoeuvre) -> dict[str, Channel]:
         """Of every channel that reads the same number again and again, which no sensor does that measures, the samples
         that do."""
+        manoeuvre = self.updated(manoeuvre)
         return {name: of for name in self.channels if name in manoeuvre
                 and (of := _where(manoeuvre[name], frozen(manoeuvre[name].values))).time.size}
 
@@ -276,7 +284,7 @@ class FullOrderCar(InstrumentedPlant):
         None of a drive, or through several gears.
         """
         manoeuvre = manoeuvre.from_zero()
-        manoeuvre = manoeuvre.without(self._dead(manoeuvre))
+        manoeuvre = self.updated(manoeuvre.without(self._dead(manoeuvre)))
         if manoeuvre.kind == "drive" or "gear" in manoeuvre and np.ptp(manoeuvre["gear"].values) > 0.0:
             return None
         present, time = [name for name in self.channels if name in manoeuvre], manoeuvre[self.driver].time
