@@ -91,9 +91,10 @@ def test_a_missing_torque_is_looked_for_beside_causes_where_these_explain_far_mo
     best, healthy = SimpleNamespace(score=lead), SimpleNamespace(score=0.0)
     torques = {id(best): [SimpleNamespace(place="axle", gain=62.0)],
                id(healthy): [SimpleNamespace(place="engine", gain=293.0)]}
-    monkeypatch.setattr(diagnose, "disturbances", lambda predictor, fit, noise: torques[id(fit)])
+    monkeypatch.setattr(diagnose, "Supposed", lambda predictor, fit, noise: SimpleNamespace(
+        listed=lambda: torques[id(fit)]))
     found = SimpleNamespace(best=best, healthy=healthy, noise=None)
-    assert diagnose._missing(None, found, confirmed) == torques[id(best if beside == "best" else healthy)]
+    assert diagnose._missing(None, found, confirmed).listed() == torques[id(best if beside == "best" else healthy)]
 
 
 def found(together, taken_out=()):
