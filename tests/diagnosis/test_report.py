@@ -359,6 +359,16 @@ def test_a_torque_missing_at_the_engine_may_be_an_error_of_what_drives_the_simul
     assert "It is in the car itself: axle." in " ".join(words(render(given)).split())
 
 
+def test_where_nothing_is_named_but_something_differs_the_page_does_not_say_that_tolerance_explains_it(base):
+    """As of a recording that begins while the driveline rings, where the simulation begins at rest."""
+    given = diagnosis(base, "none")
+    assert "what differs, tolerance and noise explain" in headline(given.finding)
+    given.finding["wrong"] = diagnosis(base, "cause").finding["wrong"]
+    text = " ".join(words(render(given)).split())
+    assert "Nothing proven wrong No cause is significant, though more differs" in text
+    assert "what differs, tolerance and noise explain" not in text
+
+
 def test_what_goes_its_own_way_in_each_recording_is_shown_recording_by_recording(base):
     given = diagnosis(base, "unknown")
     given.finding["unknown"]["each_its_own"] = True

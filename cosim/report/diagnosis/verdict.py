@@ -30,7 +30,7 @@ def tag(finding: Mapping[str, Any]) -> str:
     """The verdict in two or three words."""
     if finding["verdict"] == "unknown" and named_causes(finding):
         return "Cause found, and something unknown"
-    if in_doubt(finding):
+    if in_doubt(finding) or finding["verdict"] == "none" and finding.get("wrong"):
         return "Nothing proven wrong"
     return _HEADS[finding["verdict"]]
 
@@ -59,6 +59,8 @@ def headline(finding: Mapping[str, Any]) -> str:
         share = sum(cause["probability"] for cause in causes)
         return (f"Nothing is significantly wrong, but {either([words(e) for e in as_well(finding)])} is not excluded "
                 f"({100.0 * share:.0f} %)")
+    if finding.get("wrong"):
+        return "No cause is significant, though more differs than tolerance and noise explain"
     return "Nothing is significantly wrong: what differs, tolerance and noise explain"
 
 
