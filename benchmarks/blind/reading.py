@@ -23,7 +23,7 @@ import numpy as np
 
 from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.fit.fitting import EFFECT
-from cosim.diagnosis.judge.finding import as_well, balances, in_doubt, is_shown, joint_probability
+from cosim.diagnosis.judge.finding import as_well, balances, in_doubt, is_shown, joint_probability, wrong_sensor
 
 Result = Mapping[str, Any]
 SURE = 0.8
@@ -132,9 +132,10 @@ def unknown_in_set(result: Result) -> bool:
 
 
 def told_places(result: Result) -> list[str]:
-    """Balances at which something unknown may be, the likeliest first; none unless it is called so."""
+    """Balances at which something unknown may be, the likeliest first; none unless it is called so, or it is in a
+    sensor."""
     unknown = result["finding"]["unknown"] if verdict(result) == "unknown" else None
-    return balances(unknown) if unknown else []
+    return balances(unknown) if unknown and not wrong_sensor(unknown) else []
 
 
 def _places(result: Result) -> set[str]:

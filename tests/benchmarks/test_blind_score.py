@@ -76,6 +76,16 @@ def test_an_unknown_effect_is_stated_where_its_place_is_among_those_that_cannot_
     assert found["outside", "balances stated, where it is called unknown"] == pytest.approx(5 / 3)
 
 
+def test_an_effect_in_the_car_is_not_found_where_a_sensor_is_called_wrong():
+    right = {"balance": "propeller shaft", "balances": ["propeller shaft"], "driving_variable": "time"}
+    wrong = right | {"sensor": {"channel": "wheel_speed", "kind": "delay", "size": 0.05, "unit": "s"}}
+    rows = score([result("outside", finding("unknown", unknown=unknown), outside=["warming_oil"])
+                  for unknown in (right, wrong)])
+    found = {(row.cases, row.quantity): row.here for row in rows}
+    assert found["outside", "called unknown, at the right balance"] == 0.5
+    assert found["outside", "called unknown, its balance among those stated"] == 0.5
+
+
 def test_an_effect_outside_the_catalogue_is_large_enough_where_a_healthy_car_lacks_evidence():
     seen, hardly, before = (result("outside", finding("none"), outside=["wavy_road"], **more) for more in (
         {"visibility": {"healthy": 9.0, "found": 8.0}}, {"visibility": {"healthy": 2.0, "found": 2.0}}, {}))
