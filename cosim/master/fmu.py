@@ -13,6 +13,7 @@ import hashlib
 import logging
 import os
 import re
+import shutil
 import sys
 import tempfile
 import weakref
@@ -55,6 +56,11 @@ _PREAMBLE = re.compile(r"Fatal py exception encountered: .*\n")
 _extracted: dict[str, Path] = {}  # content -> folder, for the life of the process
 
 
+def _remove(folder: str, owner: int) -> None:
+    if os.getpid() == owner:  # not in a copy of it
+        shutil.rmtree(folder, ignore_errors=True)
+
+
 def extracted(path: Path) -> tuple[Path, str]:
     """The folder an FMU is extracted to, once per content and process, and its SHA-256.
 
@@ -63,10 +69,12 @@ def extracted(path: Path) -> tuple[Path, str]:
     """
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
     if digest not in _extracted:
-        folder = tempfile.TemporaryDirectory(prefix="driveline-fmu-", ignore_cleanup_errors=True)
-        atexit.register(folder.cleanup)
-        fmpy.extract(str(path), folder.name)
-        _extracted[digest] = Path(folder.name)
+        folder = tempfile.mkdtemp(prefix="driveline-fmu-")
+        # no TemporaryDirectory: a copy of this process (multiprocessing's fork) forgets what is to be done at its end,
+        # from Python 3.13 on, and with that object the folder would go that this process still has in use
+        atexit.register(_remove, folder, os.getpid())
+        fmpy.extract(str(path), folder)
+        _extracted[digest] = Path(folder)
         if changed := _built_from_other_source(_extracted[digest]):
             log.warning("%s was built from another source than this (%s is not the same): run `driveline build`", path,
                         changed)

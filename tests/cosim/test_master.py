@@ -5,10 +5,12 @@ import math
 import os
 import shutil
 import signal
+import subprocess
 import sys
 import tempfile
 import threading
 import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -672,6 +674,34 @@ def in_temporary_folder(name, tmp_path, monkeypatch):
 def test_a_temporary_folder_of_any_name_is_no_obstacle(fmus, tmp_path, monkeypatch, name):
     in_temporary_folder(name, tmp_path, monkeypatch)
     assert Master(step=0.1).add("a", fmus / "lag.fmu").run(stop=0.1).complete
+
+
+_COPIES = """
+import atexit, gc, os, sys
+from pathlib import Path
+from cosim.master.fmu import extracted
+
+folder = extracted(Path(sys.argv[1]))[0]
+for forgets in (True, False):
+    copy = os.fork()
+    if copy == 0 and forgets:  # as multiprocessing's copies do from Python 3.13 on
+        atexit._clear()
+        gc.collect()
+        os._exit(0)
+    if copy == 0:
+        sys.exit()
+    os.waitpid(copy, 0)
+    assert folder.is_dir()
+print(folder)
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="there are no copies of a process")
+def test_a_copy_of_the_process_that_ends_leaves_what_is_extracted(fmus):
+    done = subprocess.run([sys.executable, "-c", _COPIES, fmus / "lag.fmu"], capture_output=True, text=True,
+                          env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)})
+    assert not done.stderr
+    assert not Path(done.stdout.strip()).exists()
 
 
 @pytest.mark.parametrize("name", ["a + b", "100%", "mäh"])
