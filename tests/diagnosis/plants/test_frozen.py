@@ -48,6 +48,16 @@ def test_what_is_read_coarsely_or_stands_still_does_not_hang():
     assert not frozen(standing).any()
 
 
+@pytest.mark.parametrize("noise", [0.0, 0.2, 0.4])  # of the resolution
+def test_a_smooth_speed_that_stands_still_in_a_cruise_does_not_hang(noise):
+    """However its shuffle swings afterwards: that is motion, not noise that the cruise would have to show."""
+    clock = np.arange(0.0, 10.0, 0.02)
+    since = np.maximum(clock - 4.0, 0.0)
+    swing = 0.15 * np.exp(-since) * (1.0 - np.cos(2.0 * np.pi * 5.0 * since))
+    for seed in range(5):
+        assert not frozen(read(57.0 + 4.3 * since + swing, 0.001 * noise, 0.001, seed)).any()
+
+
 def test_the_rest_of_a_recording_counts_where_a_sensor_hangs(car_and_run, measurement):
     """It neither leads the simulation nor is compared there, and what limits the diagnosis says so."""
     car, whole = car_and_run
