@@ -350,6 +350,15 @@ def test_where_a_sensor_is_wrong_no_torque_is_said_to_be_missing(base, kind, siz
     assert "sensor: vehicle speed" in text and "missing" not in text and "in the car itself" not in text
 
 
+def test_what_drives_the_simulation_is_no_sensor_in_the_car_that_is_simulated(base):
+    given = diagnosis(base, "unknown")
+    given.finding["unknown"]["sensor"] = {"channel": "engine_torque", "kind": "delay", "size": 0.1, "unit": "s",
+                                          "log_evidence": 500.0}
+    text = " ".join(words(render(given)).split())
+    assert "Engine torque contradicts all else, as if it were 100 ms late" in text
+    assert "It is in what drives the simulation: engine torque." in text
+
+
 def test_a_torque_missing_at_the_engine_may_be_an_error_of_what_drives_the_simulation(base):
     given = diagnosis(base, "unknown")
     given.finding["unknown"] |= {"balance": "engine", "balances": ["engine", "transmission"]}

@@ -2,7 +2,8 @@
 
 A torque that is missing moves all that turns; an error of a sensor is in its own channel, and in what is led along it.
 So errors of every channel are supposed as torques are at every place (``torques``), beside all that healthy cars may
-differ by, and the evidence says which it is. Supposed is a delay, a factor, or anything that lasts.
+differ by, and the evidence says which it is. Supposed is a delay, a factor, or anything that lasts; of the torque that
+drives the simulation a delay: any other error of it is a torque that is missing at the engine.
 """
 
 from __future__ import annotations
@@ -59,14 +60,18 @@ def wrong_sensors(supposed: Supposed) -> list[WrongSensor]:
 
     Args:
         supposed: All torques that may be missing, at every place.
+
+    Returns:
+        These, and the torque that drives the simulation.
     """
     channels = dict.fromkeys(name for run in supposed.runs for name in run.clocks)
-    return sorted((_likeliest(supposed, channel) for channel in channels), key=lambda sensor: -sensor.gain)
+    found = [_likeliest(supposed, channel) for channel in channels]
+    return sorted([*found, _late_driver(supposed)], key=lambda sensor: -sensor.gain)
 
 
 def odd_one(sensors: Sequence[WrongSensor], torques: Sequence[Disturbance]) -> WrongSensor | None:
     """The sensor that explains clearly more than any torque that is missing, and than any other sensor; or None."""
-    if len(sensors) < _FEWEST:
+    if len(sensors) <= _FEWEST:  # what drives the simulation is one more
         return None
     first, *others = sensors
     rivals = [other.gain for other in (*others, *torques)]
@@ -78,11 +83,30 @@ def _likeliest(supposed: Supposed, channel: str) -> WrongSensor:
     slopes = [_slopes(supposed, channel, r) for r in range(len(supposed.runs))]
     told = Torque(supposed.healthy, slopes, np.eye, False).information(supposed.left)
     floor = supposed.noise.floors[channel]
-    tried = [_constant(channel, told, k, DELAY, delay) for k, delay in enumerate(_DELAYS)]
-    tried.append(_constant(channel, told, len(_DELAYS), FACTOR, 1.0))
+    tried = [_constant(channel, told, k, DELAY, delay) for k, delay in enumerate(_DELAYS, -_CONSTANT)]
+    tried.append(_constant(channel, told, -1, FACTOR, 1.0))
     tried += [_that_lasts(channel, told, floor * size) for size in _LASTING]
     best = max(tried, key=lambda sensor: sensor.gain)
     return replace(best, gain=best.gain - math.log(len(tried)))  # of the choice among them
+
+
+def _late_driver(supposed: Supposed) -> WrongSensor:
+    """The likeliest delay of what drives the simulation, which moves all channels."""
+    car = supposed.predictor.car
+    column = car.columns[car.driver]
+    slopes = []
+    for r, (run, scale) in enumerate(zip(supposed.runs, supposed.scales)):
+        values, nuisance = supposed.predictor.values(supposed.fit.points[r], r)
+        own, moved = supposed.fit.predicted[r], []
+        for delay in _DELAYS:
+            inputs = run.inputs.copy()
+            inputs[:, column] = np.interp(run.time + delay, run.time, inputs[:, column])
+            moved.append(car.predict(values, replace(run, inputs=inputs), nuisance) - own)
+        slopes.append(np.column_stack(moved) / scale[:, None])
+    told = Torque(supposed.healthy, slopes, np.eye, False).information(supposed.left)
+    tried = [_constant(car.driver, told, k, DELAY, delay) for k, delay in enumerate(_DELAYS, -len(_DELAYS))]
+    best = max(tried, key=lambda sensor: sensor.gain)
+    return replace(best, gain=best.gain - math.log(len(tried)))
 
 
 def _constant(channel: str, told: Sequence[tuple[np.ndarray, np.ndarray]], k: int, kind: str,
@@ -91,14 +115,11 @@ def _constant(channel: str, told: Sequence[tuple[np.ndarray, np.ndarray]], k: in
 
     Args:
         channel: Which.
-        told: Of each run, what it says of the heights of all that ``_slopes`` supposes.
-        k: Of these after the hats.
+        told: Of each run, what it says of the heights of all that is supposed.
+        k: Of these, from the last.
         kind, unit: Of the error.
     """
-    alone = []
-    for matrix, vector in told:
-        place = vector.size - _CONSTANT + k
-        alone.append((matrix[place:place + 1, place:place + 1], vector[place:place + 1]))
+    alone = [(matrix[np.ix_([k], [k])], vector[[k]]) for matrix, vector in told]
     mean, _, gain = posterior(alone, np.eye(1))
     return WrongSensor(channel, gain, kind, unit * float(mean[0]) + (kind == FACTOR))
 

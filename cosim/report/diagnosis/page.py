@@ -188,8 +188,9 @@ def _place(diagnosis: Diagnosis) -> dict[str, Any] | None:
     unknown = finding["verdict"] == "unknown" and finding.get("unknown")
     sensor = unknown and wrong_sensor(unknown)
     if sensor:
-        marked.setdefault(_SENSORS[sensor["channel"]], []).append(f"sensor: {words(sensor['channel'])}")
-        places = list(dict.fromkeys([*places, _KINDS["sensor"]]))
+        kind = "input" if sensor["channel"] == diagnosis.car.driver else "sensor"
+        marked.setdefault(_SENSORS[sensor["channel"]], []).append(f"{kind}: {words(sensor['channel'])}")
+        places = list(dict.fromkeys([*places, _KINDS[kind]]))
     elif unknown:
         for balance in balances(unknown):
             marked.setdefault(balance, []).append(f"missing {missing(unknown)[0]}")

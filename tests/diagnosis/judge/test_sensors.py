@@ -47,9 +47,10 @@ def wrong(car, run, channel, change):
 
 
 def test_of_two_channels_that_contradict_each_other_either_may_be_wrong():
-    sensors = [WrongSensor(name, gain, "lasting", 1.0) for name, gain in (("a", 500.0), ("b", 0.0), ("c", 0.0))]
-    assert odd_one(sensors, []) is sensors[0] and odd_one(sensors[:2], []) is None
-    close = [sensors[0], WrongSensor("b", 499.0, "lasting", 1.0), sensors[2]]
+    sensors = [WrongSensor(name, gain, "lasting", 1.0) for name, gain in (
+        ("a", 500.0), ("b", 0.0), ("c", 0.0), ("what drives", 0.0))]
+    assert odd_one(sensors, []) is sensors[0] and odd_one(sensors[:3], []) is None
+    close = [sensors[0], WrongSensor("b", 499.0, "lasting", 1.0), *sensors[2:]]
     assert odd_one(close, []) is None
 
 
@@ -60,6 +61,18 @@ def test_a_late_channel_is_no_torque_that_is_missing(short, channel):
     sensor = odd(car, wrong(car, run, channel, lambda shown, clock: shown(np.maximum(clock - 0.05, run.time[0]))))
     assert (sensor.channel, sensor.kind) == (channel, "delay")
     assert sensor.size == pytest.approx(0.05, rel=0.2)
+
+
+@pytest.mark.parametrize("late", [0.1, -0.1])
+def test_a_late_torque_is_no_channel_that_contradicts_all_else(short, late):
+    """All the others are early against it together."""
+    car, run = short
+    given = measured(car, run, car.raw(car.values, run.free))
+    inputs, column = given.inputs.copy(), car.columns[car.driver]
+    inputs[:, column] = np.interp(run.time - late, run.time, inputs[:, column])
+    sensor = odd(car, replace(given, inputs=inputs))
+    assert (sensor.channel, sensor.kind) == ("engine_torque", "delay")
+    assert sensor.size == pytest.approx(late, rel=0.3)  # fitting a healthy car without it took some of it
 
 
 def test_a_sign_that_is_wrong_is_one(short):
