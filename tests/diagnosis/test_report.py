@@ -338,8 +338,8 @@ def test_what_is_missing_is_shown_over_what_it_could_go_with(base, pages):
 
 
 @pytest.mark.parametrize(("kind", "size", "unit", "said"), [
-    ("delay", 0.0489, "s", "as if it were 49 ms late"), ("delay", -0.02, "s", "as if it were 20 ms early"),
-    ("factor", -1.28, "1", "as if its sign were wrong"), ("factor", 2.04, "1", "as if it showed 2.04 times what is"),
+    ("delay", 0.0489, "s", "as if it were some 49 ms late"), ("delay", -0.02, "s", "as if it were some 20 ms early"),
+    ("factor", -1.28, "1", "as if its sign were wrong"), ("factor", 2.04, "1", "as if it showed some 2 times what is"),
     ("lasting", 1.5, "m/s", "by some 1.5 m/s")])
 def test_where_a_sensor_is_wrong_no_torque_is_said_to_be_missing(base, kind, size, unit, said):
     given = diagnosis(base, "unknown")
@@ -355,7 +355,7 @@ def test_what_drives_the_simulation_is_no_sensor_in_the_car_that_is_simulated(ba
     given.finding["unknown"]["sensor"] = {"channel": "engine_torque", "kind": "delay", "size": 0.1, "unit": "s",
                                           "log_evidence": 500.0}
     text = " ".join(words(render(given)).split())
-    assert "Engine torque contradicts all else, as if it were 100 ms late" in text
+    assert "Engine torque contradicts all else, as if it were some 100 ms late" in text
     assert "It is in what drives the simulation: engine torque." in text
 
 

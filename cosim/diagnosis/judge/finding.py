@@ -92,12 +92,12 @@ def wrong_sensor(unknown: Mapping[str, Any]) -> Mapping[str, Any] | None:
 
 
 def errs(sensor: Mapping[str, Any]) -> str:
-    """What is wrong with such a sensor, as far as it is known, in words."""
+    """What is wrong with such a sensor, in words; its size is rough, as a healthy car was fitted to what it shows."""
     size = sensor["size"]
     if sensor["kind"] == DELAY:
-        return f"as if it were {1e3 * abs(size):.0f} ms {'late' if size > 0.0 else 'early'}"
+        return f"as if it were some {1e3 * abs(size):.0f} ms {'late' if size > 0.0 else 'early'}"
     if sensor["kind"] == FACTOR:
-        return "as if its sign were wrong" if size < 0.0 else f"as if it showed {size:.3g} times what is there"
+        return "as if its sign were wrong" if size < 0.0 else f"as if it showed some {size:.2g} times what is there"
     return f"by some {size:.2g} {sensor['unit']}"
 
 
