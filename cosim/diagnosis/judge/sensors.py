@@ -15,9 +15,11 @@ from typing import Any
 
 import numpy as np
 
+from cosim.diagnosis.fit.predict import Predictor
 from cosim.diagnosis.judge.finding import DELAY, FACTOR
 from cosim.diagnosis.judge.localise import Disturbance, Supposed, clearer
 from cosim.diagnosis.judge.torques import HEIGHTS, LASTING, Torque, posterior
+from cosim.diagnosis.plants import Run
 from cosim.diagnosis.plants.car import ANCHORS, PLACES
 from cosim.diagnosis.plants.hats import hats
 from cosim.measured import CANONICAL
@@ -86,25 +88,30 @@ def _likeliest(supposed: Supposed, channel: str) -> WrongSensor:
     tried = [_constant(channel, told, k, DELAY, delay) for k, delay in enumerate(_DELAYS, -_CONSTANT)]
     tried.append(_constant(channel, told, -1, FACTOR, 1.0))
     tried += [_that_lasts(channel, told, floor * size) for size in _LASTING]
-    best = max(tried, key=lambda sensor: sensor.gain)
-    return replace(best, gain=best.gain - math.log(len(tried)))  # of the choice among them
+    return _best(tried)
 
 
 def _late_driver(supposed: Supposed) -> WrongSensor:
     """The likeliest delay of what drives the simulation, which moves all channels."""
-    car = supposed.predictor.car
-    column = car.columns[car.driver]
-    slopes = []
-    for r, (run, scale) in enumerate(zip(supposed.runs, supposed.scales)):
-        values, nuisance = supposed.predictor.values(supposed.fit.points[r], r)
-        own, moved = supposed.fit.predicted[r], []
-        for delay in _DELAYS:
-            inputs = run.inputs.copy()
-            inputs[:, column] = np.interp(run.time + delay, run.time, inputs[:, column])
-            moved.append(car.predict(values, replace(run, inputs=inputs), nuisance) - own)
-        slopes.append(np.column_stack(moved) / scale[:, None])
+    predictor, fit = supposed.predictor, supposed.fit
+    car = predictor.car
+
+    def later(run: Run, delay: float) -> Run:
+        inputs, column = run.inputs.copy(), car.columns[car.driver]
+        inputs[:, column] = np.interp(run.time + delay, run.time, inputs[:, column])
+        return replace(run, inputs=inputs)
+
+    # what the plant refuses explains nothing
+    shown = [Predictor(car, [later(run, delay) for run in supposed.runs], predictor.coordinates).all_runs(fit.points)
+             or fit.predicted for delay in _DELAYS]
+    slopes = [np.column_stack([moved[r] - fit.predicted[r] for moved in shown]) / scale[:, None]
+              for r, scale in enumerate(supposed.scales)]
     told = Torque(supposed.healthy, slopes, np.eye, False).information(supposed.left)
-    tried = [_constant(car.driver, told, k, DELAY, delay) for k, delay in enumerate(_DELAYS, -len(_DELAYS))]
+    return _best([_constant(car.driver, told, k, DELAY, delay) for k, delay in enumerate(_DELAYS, -len(_DELAYS))])
+
+
+def _best(tried: Sequence[WrongSensor]) -> WrongSensor:
+    """The likeliest of some errors of one channel, less what the choice among them is worth."""
     best = max(tried, key=lambda sensor: sensor.gain)
     return replace(best, gain=best.gain - math.log(len(tried)))
 

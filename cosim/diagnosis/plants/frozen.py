@@ -10,6 +10,8 @@ import math
 
 import numpy as np
 
+from cosim.diagnosis.plants.held import rounding
+
 _LONG = 8  # repetitions in a row that are not asked how often the others repeat
 _CHANCE = 1e-6  # of as many in a row in all of a channel, below which they are none
 _MOVES = 30  # changes from sample to sample by which noise and resolution are told
@@ -17,7 +19,6 @@ _MOVES = 30  # changes from sample to sample by which noise and resolution are t
 # the higher they are: shuffle is more than what a smooth speed that stands still in a cruise is read to.
 _ORDERS = (2, 3, 4, 5)
 _NORMAL = 0.6745  # standard deviations that half of what is normal stays within
-_ROUNDING = 1e-9  # share of a channel by which numbers that are one may differ
 
 
 def frozen(values: np.ndarray) -> np.ndarray:
@@ -27,7 +28,7 @@ def frozen(values: np.ndarray) -> np.ndarray:
     Args:
         values: In the order of time.
     """
-    least = _ROUNDING * (1.0 + np.abs(values).max(initial=0.0))
+    least = rounding(values)
     steps = np.abs(np.diff(values))
     again = steps <= least
     begins, lengths = _rows(again)

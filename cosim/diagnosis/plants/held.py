@@ -10,7 +10,12 @@ import numpy as np
 _RUNS = 8  # of one value, at least, to tell it by
 _ALIKE, _MOST = 0.25, 0.7  # share by which these may be of other lengths, and of them that has to be as long
 _FINE = 1.5  # resolutions by which half of the changes are more: what is read coarsely is regular where it moves evenly
-_ROUNDING = 1e-9  # share of a channel by which numbers that are one may differ
+_ROUNDING = 1e-9  # share of a channel
+
+
+def rounding(values: np.ndarray) -> float:
+    """By how much two numbers of a channel may differ that are one."""
+    return _ROUNDING * (1.0 + float(np.abs(values).max(initial=0.0)))
 
 
 def updates(values: np.ndarray, stays: bool = False) -> np.ndarray | None:
@@ -24,7 +29,7 @@ def updates(values: np.ndarray, stays: bool = False) -> np.ndarray | None:
             noise does not stay: there frames were lost.
     """
     steps = np.abs(np.diff(values))
-    moved = steps > _ROUNDING * (1.0 + np.abs(values).max(initial=0.0))
+    moved = steps > rounding(values)
     begins = np.flatnonzero(moved) + 1
     lengths = np.diff(begins)  # the first and the last may be cut
     if lengths.size < _RUNS:

@@ -27,9 +27,9 @@ _ROLLING = 1.0  # m/s
 # What is slower than shuffle is about what the vehicle file makes it. With every effect of the catalogue at its limits,
 # in a tip-in, a coast-down and a pulse train, torque and seat's acceleration correlate with what it makes them by 0.95
 # and more (the torque by 0.78 behind a meter's slowest filter, both by 0.54 where the engine's torque is 0.3 s late),
-# and the seat's is 0.57 to 1.5 times as large. Led along
-# the speeds the engine's torque turned round leaves 7 times as much and more in 54 blind cases, at those limits 0.6
-# times and more, in the drive on the road 4 times; led by nothing, 0.2 times on a slope of a tenth.
+# and the seat's is 0.57 to 1.5 times as large. Led along the speeds the engine's torque turned round leaves 7 times as
+# much and more in 54 blind cases, at those limits 0.6 times and more, in the drive on the road 4 times; led by nothing,
+# 0.2 times on a slope of a tenth.
 _SLOW = 0.5  # s, over which means are taken
 _WITH = 0.5  # correlation from which on one goes with the other; below minus that against it, as its sign is wrong
 _BETTER = 4.0  # times less is unlike it where the engine's torque is turned round

@@ -1,6 +1,7 @@
 """Whether a sensor errs, or a torque is missing."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -73,6 +74,15 @@ def test_a_late_torque_is_no_channel_that_contradicts_all_else(short, late):
     sensor = odd(car, replace(given, inputs=inputs))
     assert (sensor.channel, sensor.kind) == ("engine_torque", "delay")
     assert sensor.size == pytest.approx(late, rel=0.3)  # fitting a healthy car without it took some of it
+
+
+def test_what_drives_the_simulation_is_not_late_where_the_plant_refuses_that(short, monkeypatch):
+    """And a diagnosis does not end there."""
+    monkeypatch.setattr("cosim.diagnosis.judge.sensors.Predictor",
+                        lambda *_: SimpleNamespace(all_runs=lambda points: None))
+    car, run = short
+    sensor = odd(car, wrong(car, run, "differential_acceleration", lambda shown, clock: -shown(clock)))
+    assert (sensor.channel, sensor.kind) == ("differential_acceleration", "factor")
 
 
 def test_a_sign_that_is_wrong_is_one(short):
