@@ -176,6 +176,7 @@ def _parameters(predictor: Predictor, fit: Fit, effect: str) -> dict[str, dict[s
             all_of_it = [j for j in predictor.index(c.cause) if predictor.coordinates[j].parameter is p]
             spread = np.array([deviations[shared[j]] for j in all_of_it])
             x, deviation = amplitude(fit.shared[all_of_it], spread), amplitude(spread) / np.sqrt(len(all_of_it))
-        ends = (p.size(float(np.clip(x + 1.645 * side * deviation, c.low, c.high))) for side in (0.0, -1.0, 1.0))
+        low = c.low if c.run is None else 0.0  # an amplitude is never less than none
+        ends = (p.size(float(np.clip(x + 1.645 * side * deviation, low, c.high))) for side in (0.0, -1.0, 1.0))
         result[p.name] = p.found(*ends, predictor.car.values)
     return result
