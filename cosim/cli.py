@@ -339,6 +339,7 @@ def _summary(finding: dict[str, Any]) -> list[str]:
         lines.append(f"  {open_to} {', '.join(rival['effects'])}{which} ({rival['separation_sigma']:.1f} sigma)")
     if proposed := finding["next_manoeuvre"]:
         lines.append(f"  drive next: {driven(proposed)}: {proposed['why']}")
+    lines += [f"  or measure {row['effect']}: {row['how']}" for row in finding.get("directly", ())]
     if gain := finding["gain"]:
         lines += [f"  {row['signal']}: error {100 * row['nrmse_before']:.2f} % before, "
                   f"{100 * row['nrmse_after']:.2f} % after, of the range" for row in gain["held_out"]]

@@ -237,7 +237,8 @@ def effect_page() -> str:
                          p.meaning, size_range(p), targets))
     lines += table(("effect", "acts on", "parameter", "meaning", "plausible", "values it changes"), rows)
     for name, effect in CATALOGUE.items():
-        lines += [f"## {name}", "", f"{effect.summary}. {effect.physics}", ""]
+        lines += [f"## {name}", "", f"{effect.summary}. {effect.physics}", "",
+                  f"Measured directly: {effect.directly}.", ""]
     lines += ["## Effects outside the catalogue", "",
               f"For `driveline hide {PREFIX}NAME`: physics that no diagnosis can name, to see whether it admits "
               "that, and finds the balance and what the missing torque goes with.", ""]

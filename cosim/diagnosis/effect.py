@@ -162,6 +162,7 @@ class Effect:
         acts_on: ``sensor CHANNEL``, ``input SIGNAL``, or the torque balance it enters: ``engine``,
             ``transmission``, ``propeller shaft``, ``axle``, ``wheel`` or ``vehicle``.
         parameters: One to three.
+        directly: How it is measured beside the driving, in a line: what settles it where no manoeuvre does.
         nuisances: Values that come with it but say nothing, and differ from recording to recording (the
             phase of a ripple); to be fitted beside it.
         elsewhere: The same physics where it has other numbers: on a bench, on a carriage. A plant that has their
@@ -175,6 +176,7 @@ class Effect:
 
     acts_on: str
     parameters: tuple[EffectParameter, ...]
+    directly: str
     nuisances: tuple[str, ...] = ()
     elsewhere: tuple[EffectParameter, ...] = ()
     joint: bool = False

@@ -259,6 +259,8 @@ def test_causes_that_act_together_are_told_with_what_they_have_together():
     none = "\n".join(cli._summary({**FINDING, "verdict": "none", "together": []}))
     assert "is not excluded: engine_inertia (2.5 sigma)" in none and "cannot be told" not in none
     assert "drive next: ramp in gear 4: because" in "\n".join(cli._summary(FINDING))
+    told = {**FINDING, "directly": [{"effect": "engine_inertia", "how": "a pendulum"}]}
+    assert "  or measure engine_inertia: a pendulum" in cli._summary(told)
     again = {**FINDING, "next_manoeuvre": {**FINDING["next_manoeuvre"], "times": 3}}
     assert "drive next: ramp in gear 4, 3 times: because" in "\n".join(cli._summary(again))
 

@@ -42,6 +42,7 @@ def test_the_catalogue_holds_the_promised_effects_one_file_each():
         assert found.name == name
         assert 1 <= len(found.parameters) <= 3
         assert len(found.summary) < 110 and len(found.physics) > 80, name
+        assert 20 < len(found.directly) < 110 and found.directly[0].islower() and found.directly[-1] != ".", name
         assert found.acts_on.split()[0] in ("sensor", "input", "engine", "transmission", "propeller", "axle",
                                             "wheel", "vehicle")
         assert bool(found.channels) == (found.kind == "sensor")

@@ -15,6 +15,7 @@ from matplotlib.image import imread
 from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.hidden import hide
 from cosim.diagnosis.plants import FullOrderCar, Nuisance
+from cosim.diagnosis.judge.verdict import directly
 from cosim.diagnosis.plants.car import PLACES
 from cosim.diagnosis.show.residuals import wrong
 from cosim.measured import load
@@ -230,6 +231,10 @@ def test_beside_nothing_what_is_not_excluded_is_told_and_nowhere_else(base):
     assert "Nothing proven wrong Nothing is significantly wrong, but wheel speed delay is not excluded (38 %)" in said
     assert "What is not excluded wheel speed delay, 38 %" in said and "tip-in in gear 3" in said
     assert "nothing, or something else 59 %" in said and "It is in" not in said and "Why" not in said
+    assert "hat to measure" not in said
+    given.finding |= {"directly": directly([{"effects": ["coulomb_drag"], "in_place_of": ["rolling_resistance"]}])}
+    said = " ".join(words(render(given)).split())
+    assert "Or what to measure rolling resistance: the car towed" in said and "coulomb drag: the lifted driven" in said
     given.finding["next_manoeuvre"] |= {"times": 3}
     assert " ".join(words(render(given)).split()).count("What to drive next tip-in in gear 3, 3 times") == 2
 

@@ -11,6 +11,7 @@ from cosim.diagnosis.effect import Effect, factor
 
 EFFECT = Effect(
     acts_on="vehicle",
+    directly="a wind tunnel; or coasting down from high speed, either way, on a level road without wind",
     parameters=(
         factor("drag_coefficient", "vehicle.drag_coefficient", unit="1",
                meaning="aerodynamic drag coefficient",

@@ -10,6 +10,7 @@ from cosim.diagnosis.effect import Effect, shift
 
 EFFECT = Effect(
     acts_on="propeller shaft",
+    directly="the final drive on a bench, driven from either side under load",
     parameters=(
         shift("coast_loss_fraction", "asymmetric_friction.coast_loss_fraction", unit="1",
               meaning="loss over carried torque on the coast side beyond that of the drive side",

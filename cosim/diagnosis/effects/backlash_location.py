@@ -33,6 +33,7 @@ def _moved_already(values: Values) -> float:
 
 EFFECT = Effect(
     acts_on="propeller shaft",
+    directly="a dial gauge: the propeller shaft against held wheels, and against a held engine in gear",
     parameters=(
         shift("backlash_shift", "transmission.half_gap", "final_drive.half_gap", unit="rad",
               meaning="half gap moved from the final drive to the transmission, at the propeller shaft",

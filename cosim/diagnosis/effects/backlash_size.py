@@ -10,6 +10,7 @@ from cosim.diagnosis.effect import Effect, factor
 
 EFFECT = Effect(
     acts_on="propeller shaft",
+    directly="a dial gauge at a lifted driven wheel turned to and fro, in gear, engine and other wheel held",
     parameters=(
         factor("backlash", "transmission.half_gap", "final_drive.half_gap", unit="rad",
                meaning="lash of transmission and final drive",

@@ -10,6 +10,7 @@ from cosim.diagnosis.effect import Effect, shift
 
 EFFECT = Effect(
     acts_on="sensor propeller_shaft_torque",
+    directly="a pulse given to both loggers, when a recording begins and when it ends",
     parameters=(
         shift("clock_drift", "observe.propeller_shaft_torque.clock_drift",
               "observe.seat_acceleration.clock_drift",

@@ -12,6 +12,7 @@ from cosim.diagnosis.effect import Effect, factor, shift
 
 EFFECT = Effect(
     acts_on="engine",
+    directly="a turbine speed sensor beside the engine's; or the pressure at the lock-up clutch",
     parameters=(
         factor("lockup_capacity", "lockup_clutch.capacity", unit="N.m",
                meaning="torque capacity of the lock-up clutch at full command",

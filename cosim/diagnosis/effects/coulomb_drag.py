@@ -11,6 +11,7 @@ from cosim.diagnosis.effect import Effect, shift
 
 EFFECT = Effect(
     acts_on="axle",
+    directly="the lifted driven wheels turned slowly by a torque wrench, in neutral, brakes released",
     pushes_like=("rolling_resistance", "road_grade"),  # but while a lash is crossed: there only the axle is held
     parameters=(
         shift("coulomb_drag_torque", "coulomb_drag.torque", unit="N.m",

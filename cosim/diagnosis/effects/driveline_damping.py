@@ -10,6 +10,7 @@ from cosim.diagnosis.effect import Effect, factor
 
 EFFECT = Effect(
     acts_on="axle",
+    directly="a torque let go suddenly on the standing driveline, wheels held: how fast the twist decays",
     parameters=(
         factor("driveline_damping", "transmission.damping",
                "propeller_shaft.damping",

@@ -10,6 +10,7 @@ from cosim.diagnosis.effect import Effect, factor
 
 EFFECT = Effect(
     acts_on="wheel",
+    directly="ten turns of a driven wheel, loaded as it is driven, along a tape measure",
     parameters=(
         factor("tyre_radius", "tyre.radius", unit="m",
                meaning="rolling radius of the tyres",

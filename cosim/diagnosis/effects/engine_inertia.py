@@ -12,6 +12,7 @@ from cosim.diagnosis.effect import Effect, factor
 
 EFFECT = Effect(
     acts_on="engine",
+    directly="crankshaft and flywheel or flexplate on a torsional pendulum; or their drawings",
     parameters=(
         factor("engine_inertia", "engine.inertia", unit="kg.m2",
                meaning="crankshaft and flexplate or primary flywheel",

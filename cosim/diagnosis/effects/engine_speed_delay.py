@@ -10,6 +10,7 @@ from cosim.diagnosis.effect import Effect, shift
 
 EFFECT = Effect(
     acts_on="sensor engine_speed",
+    directly="a crankshaft sensor wired to the logger beside the value on the bus",
     parameters=(
         shift("engine_speed_delay", "observe.engine_speed.delay", unit="s",
               meaning="age of the shown engine speed",

@@ -10,6 +10,7 @@ from cosim.diagnosis.effect import Effect, no_less_than_none, shift
 
 EFFECT = Effect(
     acts_on="input engine_torque",
+    directly="manifold or cylinder pressure recorded beside the torque on the bus",
     parameters=(
         shift("engine_torque_delay", "engine.air_delay", unit="s",
               meaning="delay of the air path beyond the file's",

@@ -10,6 +10,7 @@ from cosim.diagnosis.effect import Effect, factor
 
 EFFECT = Effect(
     acts_on="input engine_torque",
+    directly="the engine on a dynamometer, several loads against the torque on the bus",
     parameters=(
         factor("engine_torque_gain", "engine.torque_gain", unit="1",
                meaning="delivered over estimated indicated torque",

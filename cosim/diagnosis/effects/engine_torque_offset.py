@@ -9,6 +9,7 @@ from cosim.diagnosis.effect import Effect, shift
 
 EFFECT = Effect(
     acts_on="input engine_torque",
+    directly="the engine on a dynamometer, without load and motored, against the torque on the bus",
     parameters=(
         shift("engine_torque_offset", "engine.torque_offset", unit="N.m",
               meaning="torque at the crankshaft beyond the estimated one",

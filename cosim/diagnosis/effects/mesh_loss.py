@@ -11,6 +11,7 @@ from cosim.diagnosis.effect import Effect, factor
 
 EFFECT = Effect(
     acts_on="propeller shaft",
+    directly="transmission and final drive on a bench: torque in against torque out, at several loads",
     parameters=(
         factor("final_drive_loss", "final_drive.loss_fraction", unit="1",
                meaning="loss over carried torque in the final drive",

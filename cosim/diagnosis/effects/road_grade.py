@@ -11,6 +11,7 @@ from cosim.diagnosis.effect import Effect, shift
 
 EFFECT = Effect(
     acts_on="input road_grade",
+    directly="a survey of the road; or an inclinometer in the standing car, at several places",
     parameters=(
         shift("road_grade_offset", "input.road_grade.offset", unit="rad",
               meaning="slope beyond the recorded one, uphill positive",

@@ -11,6 +11,7 @@ from cosim.diagnosis.effect import Effect, factor
 
 EFFECT = Effect(
     acts_on="vehicle",
+    directly="the car towed slowly over a level floor by a force gauge, in neutral, less what its lifted wheels drag",
     parameters=(
         factor("rolling_resistance", "tyre.rolling_resistance", unit="1",
                meaning="rolling resistance over vehicle weight",

@@ -11,6 +11,7 @@ from cosim.diagnosis.effect import Effect, factor
 
 EFFECT = Effect(
     acts_on="axle",
+    directly="a lever and an angle gauge at either end of the shaft, wheels held and lash taken up",
     parameters=(
         factor("propeller_shaft_stiffness", "propeller_shaft.stiffness", unit="N.m/rad",
                meaning="torsional stiffness of the propeller shaft",

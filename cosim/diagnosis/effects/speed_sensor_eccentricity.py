@@ -10,6 +10,7 @@ from cosim.diagnosis.effect import Effect, shift
 
 EFFECT = Effect(
     acts_on="sensor wheel_speed",
+    directly="a dial gauge on the toothed wheel of the sensor",
     nuisances=("observe.wheel_speed.eccentricity_phase",
                "observe.transmission_output_speed.eccentricity_phase"),
     parameters=(

@@ -34,6 +34,7 @@ def _compliant(sizes: Values, values: Values) -> dict[str, float]:
 
 EFFECT = Effect(
     acts_on="vehicle",
+    directly="the axle pushed fore and aft against the body by a jack: force over travel",
     parameters=(
         shift("suspension_compliance", "suspension.stiffness", unit="m/N",
               meaning="fore-aft compliance of the driven axle in the body beyond the file's",

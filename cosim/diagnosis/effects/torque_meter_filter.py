@@ -26,6 +26,7 @@ def _filtered(sizes: Values, values: Values) -> dict[str, float]:
 
 EFFECT = Effect(
     acts_on="sensor propeller_shaft_torque",
+    directly="the settings of the amplifier; or a step given to its input",
     parameters=(
         shift("torque_meter_filter_period", _PERIOD, unit="s",
               meaning="period of the stop band edge of the filter beyond the file's, 0 without a filter",

@@ -10,6 +10,7 @@ from cosim.diagnosis.effect import Effect, factor
 
 EFFECT = Effect(
     acts_on="sensor propeller_shaft_torque",
+    directly="a known weight on a lever at the shaft; or the amplifier's shunt calibration",
     parameters=(
         factor("torque_meter_gain", "observe.propeller_shaft_torque.gain", unit="1",
                meaning="indicated over true torque",

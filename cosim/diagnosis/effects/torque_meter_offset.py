@@ -10,6 +10,7 @@ from cosim.diagnosis.effect import Effect, shift
 
 EFFECT = Effect(
     acts_on="sensor propeller_shaft_torque",
+    directly="the torque meter read with the shaft free, in neutral on a lift",
     parameters=(
         shift("torque_meter_offset", "observe.propeller_shaft_torque.offset", unit="N.m",
               meaning="indicated torque at zero torque",

@@ -11,6 +11,7 @@ from cosim.diagnosis.effect import Effect, shift
 
 EFFECT = Effect(
     acts_on="engine",
+    directly="cylinder pressures; or crankshaft speed by the tooth",
     nuisances=("torque_ripple.phase",),
     parameters=(
         shift("torque_ripple_amplitude", "torque_ripple.amplitude", unit="N.m",

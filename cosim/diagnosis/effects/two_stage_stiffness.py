@@ -18,6 +18,7 @@ _PROBES = (  # stiffness ratio, twist [rad]
 _RATIOS, _TWISTS = zip(*_PROBES)
 EFFECT = Effect(
     acts_on="axle",
+    directly="the axle shaft twisted slowly through all its range by a lever: where the slope changes",
     joint=True,
     parameters=(
         factor("first_stage_stiffness", "axle_first_stage.stiffness_ratio", unit="1",

@@ -10,6 +10,7 @@ from cosim.diagnosis.effect import Effect, factor
 
 EFFECT = Effect(
     acts_on="wheel",
+    directly="the tyre on a flat track; or wheel speed against optical vehicle speed in several steady pulls",
     parameters=(
         factor("slip_stiffness", "tyre.slip_stiffness", unit="N",
                meaning="force over slip at small slip, of one tyre",

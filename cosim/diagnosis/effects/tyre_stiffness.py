@@ -10,6 +10,7 @@ from cosim.diagnosis.effect import Effect, factor
 
 EFFECT = Effect(
     acts_on="wheel",
+    directly="the rim of the standing, loaded wheel twisted by a lever, well below where the tread slides",
     parameters=(
         factor("tyre_stiffness", "tyre.stiffness", unit="N.m/rad",
                meaning="torsional stiffness of one sidewall",

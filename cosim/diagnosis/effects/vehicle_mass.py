@@ -11,6 +11,7 @@ from cosim.diagnosis.effect import Effect, factor
 
 EFFECT = Effect(
     acts_on="vehicle",
+    directly="a weighbridge, with fuel and all aboard as driven",
     parameters=(
         factor("vehicle_mass", "vehicle.mass", unit="kg",
                meaning="mass of the whole vehicle",

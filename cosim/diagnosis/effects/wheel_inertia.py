@@ -11,6 +11,7 @@ from cosim.diagnosis.effect import Effect, factor
 
 EFFECT = Effect(
     acts_on="wheel",
+    directly="wheel and tyre as a pendulum; or the lifted wheel spun up by a falling weight",
     parameters=(
         factor("wheel_inertia", "hub.inertia", "tyre.belt_inertia", unit="kg.m2",
                meaning="inertia of hubs, rims and tyre belts",

@@ -10,6 +10,7 @@ from cosim.diagnosis.effect import Effect, shift
 
 EFFECT = Effect(
     acts_on="sensor wheel_speed",
+    directly="a wheel sensor wired to the logger beside the value on the bus",
     parameters=(
         shift("wheel_speed_delay", "observe.wheel_speed.delay", unit="s",
               meaning="age of the shown wheel speed",

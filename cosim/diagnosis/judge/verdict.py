@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.fit.evidence import Layout
 from cosim.diagnosis.fit.fitting import Fit, Fitter
 from cosim.diagnosis.fit.predict import Coordinate, Predictor, amplitude
@@ -88,6 +89,18 @@ def told_once(best: Fit, rivals: Sequence[tuple[Fit, float]]) -> list[dict[str, 
              "separation_sigma": distance} for others, distance in nearest.items()]
 
 
+def directly(rivals: Sequence[Mapping[str, Any]]) -> list[dict[str, str]]:
+    """How the effects that are open are measured beside the driving, as ``finding.json`` has it.
+
+    What can hardly be told by any manoeuvre, as dry drag from rolling resistance, a torque wrench tells.
+
+    Args:
+        rivals: As ``told_once`` has them; the nearest first.
+    """
+    effects = dict.fromkeys(effect for row in rivals for effect in (*row["in_place_of"], *row["effects"]))
+    return [{"effect": effect, "how": CATALOGUE[effect].directly} for effect in effects]
+
+
 def counted(evidence: float, told: Sequence[float]) -> float:
     """Log evidence of a missing torque that counts.
 
@@ -148,10 +161,10 @@ def finding_of(predictor: Predictor, found: Identification, left: dict[str, Any]
         verdict = "none"
     else:
         verdict = "ambiguous" if rivals else "cause"
-    open_to = {"ambiguous": rivals, "none": not_excluded(rivals, shares)}.get(verdict, [])
+    open_to = told_once(best, {"ambiguous": rivals, "none": not_excluded(rivals, shares)}.get(verdict, []))
     return {
         "verdict": verdict, "wrong": [], "causes": causes, "together": [*best.effects],
-        "ambiguous_with": told_once(best, open_to),
+        "ambiguous_with": open_to, "directly": directly(open_to),
         "next_manoeuvre": None, "unknown": None, "left_over": left, "extension": None, "gain": None,
         "would_show": would_show(found.detectable, predictor.coordinates, predictor.car.values)}
 

@@ -77,7 +77,7 @@ def render(diagnosis: Diagnosis) -> str:
         shares=_shares(finding, getattr(diagnosis, "suspects", [])),
         causes=[_cause(c, finding, diagnosis.car.values) for c in shown_causes(finding)], doubt=in_doubt(finding),
         why=why(finding), explained=believed(finding), place=_place(diagnosis), rivals=_rivals(finding),
-        next=_next(finding["next_manoeuvre"]), unknown=_unknown(unknown),
+        next=_next(finding["next_manoeuvre"]), directly=_directly(finding), unknown=_unknown(unknown),
         disturbances=what_is_missing(unknown, getattr(diagnosis, "disturbance", {}), names),
         gain=_gain(finding["gain"]), extension=finding["extension"], extended=extended(finding),
         notices=diagnosis.notices, seconds=diagnosis.seconds, **_detectable(finding.get("would_show", ())))
@@ -98,6 +98,11 @@ def _next(proposed: Mapping[str, Any] | None) -> dict[str, Any] | None:
         return None
     return {"what": driven(proposed).replace("_", "-"), "back": proposed.get("back", False),
             "why": words(proposed["why"])}
+
+
+def _directly(finding: Mapping[str, Any]) -> list[dict[str, str]]:
+    """How what is open is measured beside the driving."""
+    return [{"name": words(row["effect"]), "how": row["how"]} for row in finding.get("directly", ())]
 
 
 def _row(entry: Mapping[str, Any]) -> dict[str, Any]:

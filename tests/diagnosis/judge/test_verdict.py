@@ -194,9 +194,12 @@ def test_verdicts():
     near = judged([mass, shafts, healthy], {"vehicle_mass": 0.6, "shaft_stiffness": 0.3}, [0.0, 2.9, 4.0])
     assert near["verdict"] == "ambiguous" and near["ambiguous_with"] == [
         {"effects": ["shaft_stiffness"], "in_place_of": ["vehicle_mass"], "separation_sigma": 2.9}]
+    assert near["directly"] == [{"effect": name, "how": CATALOGUE[name].directly}  # what settles it by no manoeuvre
+                                for name in ("vehicle_mass", "shaft_stiffness")]
     assert near["causes"][1]["parameters"]["axle_shaft_stiffness"]["value"] == pytest.approx(1e4 * np.exp(-0.2))
     none = judged([healthy, mass, shafts], {"vehicle_mass": 0.3, "shaft_stiffness": 0.01}, [0.0, 0.5, 2.0])
     assert none["verdict"] == "none" and [row["effects"] for row in none["ambiguous_with"]] == [["vehicle_mass"]]
+    assert [row["effect"] for row in none["directly"]] == ["vehicle_mass"] and sure["directly"] == []
     strange = judged([mass, healthy], {"vehicle_mass": 0.9}, [0.0, 4.0], left=1.1 * MISSING)
     assert strange["verdict"] == "unknown" and strange["causes"][0]["probability"] < 0.2
     confirmed = judged([mass, healthy], {"vehicle_mass": 0.9}, [0.0, 4.0], 1.1 * MISSING, {"vehicle_mass"})
