@@ -28,6 +28,7 @@ _DECAY = np.geomspace(0.3, 16.0, 13)  # 1/s
 _EDGE = round(0.05 * _RATE)  # samples of the grid at its ends, of which no change can be taken
 _LAGS = np.arange(-32, 33)  # samples of the grid
 _STEEP = 10.0  # times: more is no factor of a torque meter, either way
+_SWINGS = 0.1  # share of the largest torque: by less, and a factor of it is that of noise and of what else swings
 _RINGING = ("propeller_shaft_torque", "inline_torque", "engine_speed", "turbine_speed", "motor_speed",
             "seat_acceleration")
 _TORQUES = ("propeller_shaft_torque", "inline_torque")
@@ -239,8 +240,11 @@ class Reader:
     def _line(self, x: np.ndarray, y: np.ndarray, lag: float) -> tuple[float | None, float | None]:
         """Factor and offset from x to y, which is as much later [s]; that it is some more or less does not change them.
 
-        Neither where x hardly changes beside y, or y beside x: at a torque of 0 the line would be far from both.
+        Neither where x hardly changes, at all or beside y, or y beside x: at a torque of 0 the line would be far from
+        both.
         """
+        if np.ptp(x) < _SWINGS * np.abs(x).max():
+            return None, None
         late = np.interp(self.grid - lag, self.grid, x)
         inner = _EDGE + int(np.ceil(abs(lag) * _RATE))  # samples at the ends that another would be needed for
         design = np.column_stack([late, np.ones(late.size), _changes(late)])[inner:-inner]

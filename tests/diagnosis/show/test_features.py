@@ -138,6 +138,19 @@ def test_beside_a_torque_that_hardly_changes_another_has_no_gain_or_zero_offset(
     assert not {("propeller_shaft_torque", "gain"), ("propeller_shaft_torque", "zero offset")} & set(found)
 
 
+def test_where_a_recording_begins_in_the_shuffle_its_torque_has_no_gain_or_zero_offset():
+    """A simulation that begins steadily changes by less than what swings still: the line through both had a factor of
+    -2.5, and was 1000 N.m off at a torque of 0."""
+    def steady(time):
+        return 288.0 + 0.25 * np.sin(0.5 * time)
+
+    def swings(time):
+        return 288.0 - 0.75 * np.sin(0.5 * time) + 17.0 * np.exp(-1.5 * time) * np.cos(2.0 * np.pi * 6.0 * time)
+
+    found = read(recorded(step, propeller_shaft_torque=swings), recorded(step, propeller_shaft_torque=steady))
+    assert not {("propeller_shaft_torque", "gain"), ("propeller_shaft_torque", "zero offset")} & set(found)
+
+
 def test_gain_and_zero_offset_of_a_torque_are_told_apart():
     base = ringing(5.0, 0.06)
     found = read(recorded(step, propeller_shaft_torque=lambda time: 1.04 * base(time) - 12.0),
