@@ -221,7 +221,7 @@ def _diagnosed(path: Path, method: str) -> tuple[Any, dict[str, Any], float]:
 def _visibility(diagnosis: Any, case: BlindCase, path: Path) -> dict[str, float] | None:
     """How much of what is hidden shows, by the same case without it; None where a car cannot be simulated then."""
     hide_case(replace(case, effects=()), case.manoeuvres, path)
-    without, _ = diagnosis.car.stretches(load(path))
+    without = diagnosis.car.runs(load(path))
     try:
         return visibility(diagnosis, without)
     except ArithmeticError:

@@ -111,14 +111,14 @@ def diagnose(path: Path, out: Path | None = None, *, vehicle: str | None = None,
     if vehicle is not None:
         measurement = replace(measurement, vehicle=vehicle, variant=variant)
     car = plant_for(measurement)
-    stretches, further = car.stretches(measurement)
+    stretches, further, left_out = car.stretches(measurement)
     if isinstance(car, FullOrderCar):
         plausible.check(car, measurement, [*stretches, *further])
     runs, reserved = _reserve(stretches)
     taken_out = _without_swings(car)
     notices = [*(f"the vehicle file has {name} = {had:g}, but no recording's phase of it: it is taken out, and all "
                  "that is found of it is said" for name, had in taken_out.items()),
-               *_notices(measurement, car, runs, reserved)]
+               *left_out, *_notices(measurement, car, runs, reserved)]
     for notice in notices:
         say(notice)
     repaired = [notice for manoeuvre in measurement.manoeuvres for notice in manoeuvre.notices]  # said as it was read

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -18,6 +18,20 @@ from driveline.quantities import InputError
 
 SHORTEST = 2.0  # s: of what shorter stretches show little can be said
 _RATE = 500.0  # Hz: channels that are sampled faster are thinned, as the driveline does nothing up there
+
+
+class Stretches(NamedTuple):
+    """What recordings are cut into.
+
+    Attributes:
+        runs: What is fitted and compared.
+        further: Other stretches of long manoeuvres, which may judge what these show.
+        left_out: What of the recordings is none of them though it might be meant to, and why, in words.
+    """
+
+    runs: list[Run]
+    further: list[Run]
+    left_out: list[str]
 
 
 class InstrumentedPlant:
@@ -169,9 +183,9 @@ class InstrumentedPlant:
         """
         raise NotImplementedError
 
-    def stretches(self, measurement: Measurement) -> tuple[list[Run], list[Run]]:
-        """``runs``, and the other stretches of long manoeuvres, which may judge what these show; errors as ``runs``."""
-        return self.runs(measurement), []
+    def stretches(self, measurement: Measurement) -> Stretches:
+        """``runs``, and what else the manoeuvres are cut into; errors as ``runs``."""
+        return Stretches(self.runs(measurement), [], [])
 
     def _start(self, run: Run, nuisance: Nuisance) -> None:
         """Set the plant's start parameters."""

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import median_filter
 
-from cosim.diagnosis.plants.base import SHORTEST, InstrumentedPlant, compared
+from cosim.diagnosis.plants.base import SHORTEST, InstrumentedPlant, Stretches, compared
 from cosim.diagnosis.plants.frozen import frozen
 from cosim.diagnosis.plants.gaps import gaps, known
 from cosim.diagnosis.plants.held import updates
@@ -35,6 +35,7 @@ RUNS = 6  # at most so many stretches of one long recording
 _IMPULSE = 0.1  # N.m.s: a gap in which less may have been lost is no more than the torque wanders by
 _GAPS = 6  # of a run that are estimated; a slow logger has one after the other, and each takes simulations
 _ENDED = 0.4  # s from its first or last sample: beyond, which no delay of a sensor is, nothing leads along a channel
+_WALKING = 1.0  # m/s
 _FINE = 0.02  # s: how finely the gear, and whether clutch and brake let it be compared, are looked at in a drive
 # By how much the ratio of speeds may be off its gear's, by slip of tyres and clutch, and by how much that of all gears,
 # by what a vehicle file may have wrong; the closest gears are 8 % apart.
@@ -215,45 +216,52 @@ class FullOrderCar(InstrumentedPlant):
         Raises:
             InputError: The engine torque or every output is missing, or the gear cannot be told.
         """
-        return self.stretches(measurement)[0]
+        return self.stretches(measurement).runs
 
-    def stretches(self, measurement: Measurement) -> tuple[list[Run], list[Run]]:
+    def stretches(self, measurement: Measurement) -> Stretches:
         # loggers drift from when they began, and that is when their clocks were set
         cut = [self._cut(manoeuvre.from_zero()) for manoeuvre in measurement.manoeuvres]
         for manoeuvre, parts in zip(measurement.manoeuvres, cut):
             if manoeuvre.gear is None and "gear" not in manoeuvre:
-                for run in itertools.chain(*parts):
+                for run in itertools.chain(parts.runs, parts.further):
                     log.info("%s: the speeds say gear %d", run.name, run.gear)
-        found, further = ([run for parts in cut for run in parts[k]] for k in (0, 1))
-        if not found:
+        found = Stretches(*(list(itertools.chain(*parts)) for parts in zip(*cut)))
+        if not found.runs:
             raise InputError(f"measurement '{measurement.name}': no stretch of at least {SHORTEST:g} s in one forward "
-                             "gear above walking pace in which anything changes, so there is nothing to compare")
-        return found, further
+                             "gear above walking pace in which anything changes, so there is nothing to compare"
+                             + "".join(f"; {why}" for why in found.left_out))
+        return found
 
-    def _cut(self, manoeuvre: Manoeuvre) -> tuple[list[Run], list[Run]]:
+    def _cut(self, manoeuvre: Manoeuvre) -> Stretches:
         """Its liveliest stretches and the others, each in order of time."""
-        for name in (dead := self._dead(manoeuvre)):
-            log.warning("%s: %s always reads %g, so it is left out", manoeuvre.name, name, manoeuvre[name].values[0])
+        dead = self._dead(manoeuvre)
+        left_out = [f"{manoeuvre.name}: {name} always reads {manoeuvre[name].values[0]:g}, so it is left out"
+                    for name in dead]
         manoeuvre = self.updated(manoeuvre.without(dead))
         self._driven(manoeuvre)
         present = [name for name in self.channels if name in manoeuvre]
         if not any(name.endswith("speed") for name in present):
             raise InputError(f"manoeuvre '{manoeuvre.name}' has no speed: at least one of "
-                             f"{', '.join(self.channels[:5])} is needed")
+                             f"{', '.join(self.channels[:5])} is needed" + "".join(f"; {why}" for why in left_out))
         self._check_forward(manoeuvre)
         start, stop = self._span(manoeuvre)
         manoeuvre = self._alive(manoeuvre)
-        if stop - start <= LONGEST and "gear" not in manoeuvre and manoeuvre.kind != "drive":
-            run = self._run(manoeuvre, present, manoeuvre.name, start, stop)
-            return [run] if run else [], []
-        spans = self._spans(manoeuvre, start, stop)
-        runs = [run for i, span in enumerate(spans, start=1)
-                if (run := self._run(manoeuvre, present, f"{manoeuvre.name}_{i}", *span))]
-        if len(spans) == 1 and runs:
-            return [dataclasses.replace(runs[0], name=manoeuvre.name)], []
+        whole = stop - start <= LONGEST and "gear" not in manoeuvre and manoeuvre.kind != "drive"
+        spans = [(start, stop, None)] if whole else self._spans(manoeuvre, start, stop)
+        runs: list[Run] = []
+        lost: dict[str, list[str]] = {}
+        for i, (begin, end, gear) in enumerate(spans, start=1):
+            name = manoeuvre.name if len(spans) == 1 else f"{manoeuvre.name}_{i}"
+            run = self._run(manoeuvre, present, name, begin, end, gear)
+            if isinstance(run, Run):
+                runs.append(run)
+            elif manoeuvre.kind != "drive":  # in which the car stands now and then
+                lost.setdefault(run, []).append(f"{begin:.3g} to {end:.3g} s")
+        left_out += [f"{manoeuvre.name}: nothing is compared from {' and '.join(spans)}: {why}"
+                     for why, spans in lost.items()]
         lively = sorted(runs, key=lambda run: -float(np.std(run.inputs[:, 0])))
         chosen, others = (sorted(some, key=lambda run: run.start) for some in (lively[:RUNS], lively[RUNS:]))
-        return chosen, others
+        return Stretches(chosen, others, left_out)
 
     def _dead(self, manoeuvre: Manoeuvre) -> list[str]:
         """What always reads the same: such a sensor was not there."""
@@ -289,7 +297,7 @@ class FullOrderCar(InstrumentedPlant):
             return None
         present, time = [name for name in self.channels if name in manoeuvre], manoeuvre[self.driver].time
         run = self._run(manoeuvre, present, manoeuvre.name, float(time[0]), float(time[-1]))
-        return run and run.free
+        return run.free if isinstance(run, Run) else None
 
     def _check_forward(self, manoeuvre: Manoeuvre) -> None:
         """Raise InputError where a speed is negative most of the time: only driving forward is looked at."""
@@ -336,8 +344,8 @@ class FullOrderCar(InstrumentedPlant):
         return spans
 
     def _run(self, manoeuvre: Manoeuvre, present: Sequence[str], name: str, start: float, stop: float,
-             gear: int | None = None) -> Run | None:
-        """A stretch, in the gear that is told or the manoeuvre has; None where it is none forward, or walking pace."""
+             gear: int | None = None) -> Run | str:
+        """A stretch, in the gear that is told or the manoeuvre has; or, in words, why it is none."""
         inputs, columns = self._inputs(manoeuvre, start, stop), self.columns
         if gear is None:
             gear = int(inputs[0, columns["gear"]]) if "gear" in manoeuvre else manoeuvre.gear
@@ -349,13 +357,16 @@ class FullOrderCar(InstrumentedPlant):
             raise InputError(f"manoeuvre '{manoeuvre.name}': {error}") from error
         inputs[:, columns["gear"]] = gear
         speed = self._start_speed(manoeuvre, gear, start)
-        if gear < 1 or not speed > 1.0:
-            return None
+        if gear < 1:
+            return "it is in no forward gear"
+        if not speed > _WALKING:
+            return ("it begins at a standstill or walking pace; where it rolls later, write start = \"... s\" in its "
+                    "[[manoeuvre]]")
         clocks, measured = compared(manoeuvre, present, start + SETTLE, start + STEP * (len(inputs) - 1))
         # of what stays one number for as long as this nobody knows how finely it is read
         clocks, measured = ({n: of[n] for n in measured if np.ptp(measured[n]) > 0.0} for of in (clocks, measured))
         if not clocks:
-            return None
+            return "nothing changes"
         # a sensor that is not level shows the same offset either way
         graded = "road_grade" in manoeuvre
         lost = sorted(gaps(manoeuvre[self.driver], start, stop, _IMPULSE), key=lambda gap: -gap.impulse)[:_GAPS]

@@ -183,7 +183,7 @@ def a_drive(car, gears, *, gear=None, wrong=1.0, **more):
 
 def test_a_drive_without_a_gear_channel_is_cut_where_its_speeds_change_gear():
     car = FullOrderCar("suv_6l80")
-    found, further = car.stretches(a_drive(car, (4, 5, 4, 6)))
+    found, further, _ = car.stretches(a_drive(car, (4, 5, 4, 6)))
     assert not further
     assert [run.gear for run in found] == [4, 5, 4, 6]
     for i, run in enumerate(found):
@@ -194,7 +194,7 @@ def test_a_drive_without_a_gear_channel_is_cut_where_its_speeds_change_gear():
 def test_stretches_are_in_the_gears_that_they_were_cut_by(wrong):
     """With a ratio 5 % off in all, that of the tenth gear alone is nearer to the ninth's."""
     car = FullOrderCar("pickup_10r80")
-    found, _ = car.stretches(a_drive(car, (6, 7, 8, 10), wrong=wrong))
+    found = car.runs(a_drive(car, (6, 7, 8, 10), wrong=wrong))
     assert [run.gear for run in found] == [6, 7, 8, 10]
 
 
@@ -270,11 +270,34 @@ def test_a_dead_speed_neither_leads_the_plant_nor_tells_its_gear():
     assert run.start_speed == pytest.approx(60.0 * car.values["tyre.radius"], rel=0.05)
 
 
-def test_a_sensor_that_always_reads_the_same_is_left_out(caplog):
+def test_a_sensor_that_always_reads_the_same_is_left_out_and_that_is_told():
     car = FullOrderCar("suv_6l80")
-    [run] = car.runs(a_drive(car, (4,), seat_acceleration=np.zeros_like))
+    [run], _, told = car.stretches(a_drive(car, (4,), seat_acceleration=np.zeros_like))
     assert "seat_acceleration" not in run.clocks and "wheel_speed" in run.clocks
-    assert "seat_acceleration always reads 0" in caplog.text
+    assert told == ["drive: seat_acceleration always reads 0, so it is left out"]
+    dead = a_drive(car, (4,), gear=4, **dict.fromkeys(("engine_speed", "turbine_speed", "wheel_speed"), np.zeros_like))
+    with pytest.raises(InputError, match="has no speed: .*wheel_speed always reads 0"):
+        car.runs(dead)
+
+
+def test_what_begins_at_a_standstill_is_left_out_and_that_is_told():
+    """A recording of two that was left out without a word was called one recording; with the only one of them it was
+    said that nothing changes."""
+    car = FullOrderCar("suv_6l80")
+    shown = a_drive(car, (4, 4), gear=4)
+    [drive] = shown.manoeuvres
+    rolling = replace(drive, name="rolling", kind="tip_in")
+    begins = {name: replace(of, values=np.where((of.time < 9.0) & name.endswith("speed"), 0.0, of.values))
+              for name, of in drive.channels.items()}
+    stands = replace(rolling, name="stands", channels=begins)
+    [run], _, told = car.stretches(replace(shown, manoeuvres=(stands, rolling)))
+    assert run.name == "rolling"
+    assert told == ['stands: nothing is compared from 0 to 14 s: it begins at a standstill or walking pace; where it '
+                    'rolls later, write start = "... s" in its [[manoeuvre]]']
+    with pytest.raises(InputError, match="nothing to compare; stands: .* a standstill"):
+        car.runs(replace(shown, manoeuvres=(stands,)))
+    standing = replace(drive, channels={**begins, "turbine_speed": begins["engine_speed"]})
+    assert car.stretches(replace(shown, manoeuvres=(standing, rolling))).left_out == []
 
 
 def test_a_run_can_be_compared_by_some_channels_only(car_and_run):
