@@ -2,12 +2,14 @@
 
 A bus that is busy for 60 ms while the driver tips in hides when the torque rose: a straight line through the gap is
 off by tens of newton metres. What it was off by is unknown in the run: half a wave, and a whole one, as where the
-torque rises in the middle the line is above it first, below it then, and right on average. A speed that leads the
-simulation does not lead it there: a curve through both ends of 100 ms misses half a swing of the shuffle.
+torque rises in the middle the line is above it first, below it then, and right on average. Of longer gaps more waves. A
+speed that leads the simulation does not lead it there: a curve through both ends of 100 ms misses half a swing of the
+shuffle.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -15,7 +17,8 @@ import numpy as np
 
 from cosim.measured import Channel
 
-WAVES = 2  # half a turn and a whole one, of what the torque was beside the straight line
+WAVES = 2  # at least: half a turn and a whole one, of what the torque was beside the straight line
+_EACH = 0.05  # s of a longer gap to each
 _LOST = 1.5  # distances of frames: more, and one is missing
 _MISSED = 2.5  # and two: more than a curve through the others can follow
 
@@ -37,9 +40,11 @@ class Gap:
     def waves(self) -> tuple[float, ...]:
         """Of each wave in it the height, one sigma [N.m].
 
-        Those that a torque which steps somewhere within a gap leaves beside the line fall as one over their order.
+        Those that a torque which steps somewhere within a gap leaves beside the line fall as one over their order. The
+        longer it is the more there are, so that what steps is as sharp in all.
         """
-        return tuple(self.torque / order for order in range(1, WAVES + 1))
+        count = max(WAVES, round((self.end - self.begin) / _EACH))
+        return tuple(self.torque / order for order in range(1, count + 1))
 
     @property
     def impulse(self) -> float:
@@ -97,8 +102,9 @@ def filled(gaps: Sequence[Gap], heights: Sequence[float], time: np.ndarray) -> n
         heights: Of the waves [N.m], one gap after the other.
         time: At which instants [s].
     """
-    torque = np.zeros(time.size)
-    for gap, own in zip(gaps, np.reshape(heights, (-1, WAVES))):
+    torque, rest = np.zeros(time.size), iter(heights)
+    for gap in gaps:
+        own = list(itertools.islice(rest, len(gap.waves)))
         inside = (time > gap.begin) & (time < gap.end)
         angle = np.pi * (time[inside] - gap.begin) / (gap.end - gap.begin)
         torque[inside] += sum(height * np.sin(order * angle) for order, height in enumerate(own, start=1))
