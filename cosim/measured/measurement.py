@@ -418,6 +418,10 @@ def _in_order(times: np.ndarray, values: np.ndarray, table: DataTable, label: st
         restarted = np.flatnonzero((step < -_CLOCK_RESTARTED) | _many_late(times))
         if restarted.size:
             at = int(restarted[0])
+            alone = _out_of_order(times, at)
+            if alone is not None:
+                raise InputError(f"{table.path}: the time of column '{label}' is {times[alone]:g} s at data row "
+                                 f"{rows[alone] + 1}, and in order before and after it: leave that row out")
             raise InputError(f"{table.path}: the time of column '{label}' jumps back by {-step[at]:g} s at data "
                              f"row {rows[at + 1] + 1}: two recordings in one file? Split it there")
         notices.append(f"column '{label}': time steps back {int((step < 0.0).sum())} times, by {-step.min():g} s at "
@@ -429,6 +433,14 @@ def _in_order(times: np.ndarray, values: np.ndarray, table: DataTable, label: st
         notices.append(f"column '{label}': {int(again.sum())} repeated instants, the first value was kept")
         times, values = times[~again], values[~again]
     return times, values
+
+
+def _out_of_order(times: np.ndarray, at: int) -> int | None:
+    """Which of the samples before and after a step back at ``at`` is alone in being too late, or too early; or None."""
+    first = max(at - _MANY, 0)
+    around = times[first:at + _MANY + 2]
+    in_order = (place for place in (at, at + 1) if (np.diff(np.delete(around, place - first)) >= 0.0).all())
+    return next(in_order, None) if around.size > 2 * _MANY else None
 
 
 def _unwound(values: np.ndarray, label: str, notices: list[str]) -> np.ndarray:

@@ -412,6 +412,9 @@ def test_gzip_is_known_by_either_spelling_and_refused_by_name_where_it_is_damage
      r"jumps back by 9 s at data row 3"),
     (TOML, "t,nEng,v,wl,wr,T\n" + "".join(f"{t},{n},1,1,1,1\n" for n in (1000, 2000) for t in range(n % 7, 400, 10)),
      r"jumps back by 0.391 s at data row 41: two recordings in one file"),
+    *((TOML, "t,nEng,v,wl,wr,T\n" + "".join(f"{t if t != 200 else wrong},1,1,1,1,1\n" for t in range(0, 400, 10)),
+       rf"'nEng' is {wrong / 1000:g} s at data row 21, and in order before and after it: leave that row out")
+      for wrong in (9000, -9000)),
     (TOML, CSV.replace("t,nEng,v,", "t,nEng,nEng,"), r"log.csv: 2 columns are called 'nEng' \(nEng, nEng\): leave"),
 ])
 def test_what_is_wrong_is_named(tmp_path, toml, csv, words):
