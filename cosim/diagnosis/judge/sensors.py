@@ -41,7 +41,7 @@ class WrongSensor:
         channel: Which.
         gain: Log evidence over that of no error.
         kind: ``DELAY``, ``FACTOR`` or ``LASTING``.
-        size: It is so late [s], or shows so many times what is there; of an error that lasts its standard deviation [SI
+        size: It is so late [s], or shows so many times what is there; of an error that lasts its root mean square [SI
             unit of the channel].
     """
 
@@ -140,7 +140,7 @@ def _that_lasts(channel: str, told: Sequence[tuple[np.ndarray, np.ndarray]], siz
         mean, _, gain = posterior([(matrix[:count, :count], vector[:count])], root)
         heights.append(mean)
         gains.append(gain)
-    return WrongSensor(channel, sum(gains), LASTING, float(np.std(np.concatenate(heights))))
+    return WrongSensor(channel, sum(gains), LASTING, float(np.sqrt(np.mean(np.square(np.concatenate(heights))))))
 
 
 def _slopes(supposed: Supposed, channel: str, r: int) -> np.ndarray:

@@ -99,6 +99,14 @@ def test_a_channel_that_wanders_off_is_one(short):
     assert sensor.size == pytest.approx(0.2, rel=0.3)
 
 
+def test_a_channel_that_is_off_by_as_much_throughout_errs_by_about_that(short):
+    """Less the start speed that was fitted to it; it errs by no twentieth, by which that varies."""
+    car, run = short
+    sensor = odd(car, wrong(car, run, "vehicle_speed", lambda shown, clock: shown(clock) + 0.5))
+    assert (sensor.channel, sensor.kind) == ("vehicle_speed", "lasting")
+    assert 0.2 < sensor.size < 0.6
+
+
 @pytest.mark.parametrize("place", _PLACES)
 def test_a_torque_that_is_missing_is_no_sensor(short, place):
     car, run = short
