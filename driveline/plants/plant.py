@@ -293,11 +293,15 @@ class Plant(KernelModel):
         return [gear for gear in range(-1, count - 1) if self._gear_exists(gear)] if count else [None]
 
     def _check_substep(self) -> None:
-        """Refuse a sub-step at which Runge-Kutta's method would not be stable, in any gear it may get into."""
+        """Refuse a sub-step at which Runge-Kutta's method would not be stable, in any gear it may get into.
+
+        Dry friction that sticks now may slip later; what it holds together then moves faster.
+        """
         net = self.network
-        inputs = self._inputs.copy()
+        inputs, modes = self._inputs.copy(), self.state[net.modes].copy()
         substep = self["solver.maximum_substep"]
         rows = self._branch_rows()
+        self.state[net.modes][(rows[:, k.LAW] == k.FRICTION) & (modes == 0.0)] = 1.0
         patches = rows[rows[:, k.LAW] == k.CONTACT, k.TWIST]
         fastest = 0.0
         for gear in self.possible_gears():
@@ -310,10 +314,15 @@ class Plant(KernelModel):
             parts = patches[-substep * matrix[patches, patches] > STABLE]
             matrix = np.delete(np.delete(matrix, parts, 0), parts, 1)
             fastest = max(fastest, np.abs(np.linalg.eigvals(matrix)).max())
-        self._inputs[:] = inputs
-        if substep * fastest > STABLE:
-            raise InputError(f"solver.maximum_substep is {substep:g} s: the fastest motion of this plant, "
-                             f"{fastest:.0f} 1/s, needs at most {STABLE / fastest:.3g} s")
+        self._inputs[:], self.state[net.modes] = inputs, modes
+        if substep * fastest <= STABLE:
+            return
+        shortest = self.variables[self.index["solver.maximum_substep"]].range[0]
+        if shortest * fastest > STABLE:
+            raise InputError(f"the fastest motion of this plant, {fastest:.3g} 1/s, is followed by no "
+                             "solver.maximum_substep: look for a parameter far from its usual size")
+        raise InputError(f"solver.maximum_substep is {substep:g} s: the fastest motion of this plant, "
+                         f"{fastest:.0f} 1/s, needs at most {STABLE / fastest:.3g} s")
 
     def _find_equilibrium(self, speeds: np.ndarray) -> bool:
         """Twists, torques and tyre slip of steady rolling: every node accelerates with the vehicle.

@@ -88,3 +88,23 @@ def test_the_shipped_files_describe_their_plant_and_no_other(kind, name):
     kind(kind.defaults_from(file)).initialize()
     with pytest.raises(InputError):
         other(other.defaults_from(file))
+
+
+@pytest.mark.parametrize(("kind", "values", "wrong"), [
+    (BenchPlant, MOTOR, {"propeller_shaft.damping": 0.505}), (BenchPlant, MOTOR, {"engine.inertia": 8e-8}),
+    (SingleMassPlant, CARRIAGE, {"guide.damping": 2e6})])
+def test_a_substep_that_is_unstable_once_dry_friction_slips_is_refused_while_it_still_sticks(kind, values, wrong):
+    with pytest.raises(InputError, match="maximum_substep is 0.0002 s: the fastest motion of this plant"):
+        made(kind, values | wrong)
+
+
+def test_a_motion_that_no_substep_follows_is_refused_in_few_digits():
+    with pytest.raises(InputError, match="is followed by no solver.maximum_substep: look for a parameter") as caught:
+        made(SingleMassPlant, CARRIAGE | {"guide.damping": 1e200})
+    assert len(str(caught.value)) < 200
+
+
+def test_looking_for_an_unstable_substep_leaves_what_sticks_sticking():
+    plant = made(BenchPlant, MOTOR)
+    assert (plant.state[plant.network.modes][[plant.network.branches[name] for name in
+                                              ("motor_friction", "load_friction")]] == 0.0).all()
