@@ -24,10 +24,10 @@ class Transmission(Shaft):
     """The automatic gearbox: ratios and inertias by gear, losses, lash and stiffness at its input.
 
     Tables have one entry for reverse, neutral, then gears 1, 2 ...; a ratio of 0 marks a gear that
-    does not exist.
+    does not exist. Reverse has a negative ratio, all others have positive ones.
     """
 
-    ratio: tuple[float, ...] = quantity("1", "input speed over output speed, by gear")
+    ratio: tuple[float, ...] = quantity("1", "input speed over output speed, by gear", minimum=-50.0, maximum=50.0)
     inertia: tuple[float, ...] = quantity("kg.m2", "planetary sets referred to the input, by gear", minimum=1e-6)
     loss_constant: tuple[float, ...] = quantity("N.m", "drag torque at the input, by gear", minimum=0.0)
     loss_viscous: tuple[float, ...] = quantity("N.m.s/rad", "drag over input speed, by gear", minimum=0.0)
@@ -44,6 +44,10 @@ class Transmission(Shaft):
             if len(getattr(self, name)) != len(self.ratio):
                 raise InputError(f"transmission.{name} has {len(getattr(self, name))} entries: "
                                  f"transmission.ratio has {len(self.ratio)}")
+        for gear, ratio in enumerate(self.ratio, start=-1):
+            if gear != 0 and ratio * gear < 0.0:
+                raise InputError(f"{in_gear('ratio', gear)} is {ratio:g}: gear {gear} needs a "
+                                 f"{'positive' if gear > 0 else 'negative'} ratio, or 0 where there is no such gear")
 
 
 def in_gear(table: str, gear: int) -> str:

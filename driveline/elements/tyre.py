@@ -26,7 +26,7 @@ class Tyre:
     stiffness: float = quantity("N.m/rad", "torsional stiffness of one sidewall", minimum=1e-3, nominal=1e4)
     damping: float = quantity("N.m.s/rad", "torsional damping of one sidewall", minimum=0.0, nominal=10.0)
     radius: float = quantity("m", "dynamic rolling radius", minimum=0.05, maximum=2.0)
-    relaxation_length: float = quantity("m", "longitudinal relaxation length", minimum=1e-3)
+    relaxation_length: float = quantity("m", "longitudinal relaxation length", minimum=1e-3, maximum=100.0)
     slip_stiffness: float = quantity("N", "force over slip at small slip, one tyre", minimum=1.0, nominal=1e5)
     friction_coefficient: float = quantity("1", "peak tyre-road friction", minimum=0.01)
     rolling_resistance: float = quantity("1", "rolling resistance over vehicle weight", minimum=0.0, maximum=0.5)

@@ -18,6 +18,7 @@ from ..quantities import InputError, quantity
 
 SECTION_COEFFICIENTS = 5  # b0, b1, b2, a1, a2 of a section; a0 = 1
 SECTION_STATES = 2
+HIGHEST_ORDER = 200  # beyond it only a slip puts the bands so close together, and an array of millions would be made
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class TorqueMeter:
     gain: float = quantity("1", "indicated over true torque", start=1.0)
     offset: float = quantity("N.m", "indicated torque at zero torque", start=0.0)
     sampling_frequency: float = quantity("Hz", "rate at which the meter filters", start=1000.0,
-                                         minimum=1.0)
+                                         minimum=1.0, maximum=1e5)
     passband_frequency: float = quantity("Hz", "end of the pass band", start=27.0, minimum=1e-3)
     stopband_frequency: float = quantity("Hz", "start of the stop band", start=30.0, minimum=1e-3)
     passband_ripple: float = quantity("dB", "largest attenuation in the pass band", start=1.0,
@@ -42,7 +43,7 @@ def filter_order(meter: TorqueMeter) -> int:
     """Lowest order of a Chebyshev filter that keeps to the meter's bands.
 
     Raises:
-        InputError: The frequencies are not pass band < stop band < half the sampling frequency.
+        InputError: The frequencies are not pass band < stop band < half the sampling frequency, or too close together.
     """
     if not 0.0 < meter.passband_frequency < meter.stopband_frequency < 0.5 * meter.sampling_frequency:
         raise InputError(
@@ -54,7 +55,12 @@ def filter_order(meter: TorqueMeter) -> int:
     edge = _warped(meter.stopband_frequency, meter) / _warped(meter.passband_frequency, meter)
     contrast = math.sqrt((10.0 ** (0.1 * meter.stopband_attenuation) - 1.0)
                          / (10.0 ** (0.1 * meter.passband_ripple) - 1.0))
-    return math.ceil(math.acosh(contrast) / math.acosh(edge))
+    order, edge_order = math.acosh(contrast), math.acosh(edge)
+    if order > HIGHEST_ORDER * edge_order:
+        raise InputError(f"torque meter: from passband_frequency {meter.passband_frequency:.10g} Hz to "
+                         f"stopband_frequency {meter.stopband_frequency:.10g} Hz a filter of more than order "
+                         f"{HIGHEST_ORDER} is needed: set them further apart, or stopband_attenuation lower")
+    return math.ceil(order / edge_order)
 
 
 def filter_sections(meter: TorqueMeter) -> NDArray[np.float64]:

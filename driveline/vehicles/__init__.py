@@ -277,6 +277,9 @@ class _File:
                 raise self.fail(("gearbox", group, name), f"needs exactly {described}")
             return kind(**given)
 
+        parts = {group: {name: build(kind, group, name, given) for name, given in table[group].items()}
+                 for group, kind in (("sets", PlanetarySet), ("shift_elements", ShiftElement))}
+
         inertias: dict[str, _Entry] = {}
         for shaft, given in table["inertia"].items():
             (inertias[shaft],) = self.entry(("gearbox", "inertia", shaft), given).values()
@@ -294,10 +297,7 @@ class _File:
         try:
             return Gearbox(
                 shafts=tuple(inertias), input_shaft=table["input_shaft"], output_shaft=table["output_shaft"],
-                sets={n: build(PlanetarySet, "sets", n, given) for n, given in table["sets"].items()},
-                shift_elements={n: build(ShiftElement, "shift_elements", n, given)
-                                for n, given in table["shift_elements"].items()},
-                clutch_table=clutch_table, inertias=tuple(e.value for e in inertias.values()))
+                clutch_table=clutch_table, inertias=tuple(e.value for e in inertias.values()), **parts)
         except InputError as error:
             raise InputError(f"{self.place('gearbox')}: {error}") from None
 

@@ -127,3 +127,9 @@ def test_compiled_and_plain_give_the_same_bits(kernels):
 def test_impossible_bands_are_named(wrong: dict[str, float]):
     with pytest.raises(InputError, match=f"torque meter: .*{next(iter(wrong))}"):
         filter_sections(TorqueMeter(**wrong))
+
+
+@pytest.mark.parametrize("end", [29.9999, 29.9999999999, 30.0 - 4e-15])
+def test_bands_so_close_that_a_filter_would_have_thousands_of_sections_are_refused(end):
+    with pytest.raises(InputError, match="passband_frequency .* a filter of more than order 200"):
+        filter_sections(TorqueMeter(passband_frequency=end))

@@ -2,6 +2,7 @@
 
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -215,8 +216,19 @@ def test_an_unknown_vehicle_or_variant_names_those_there_are(write, tmp_path):
 def test_a_wrong_gearbox_is_named(write, old, new, message):
     text = (Path(vehicles.__file__).parent / "pickup_10r80.toml").read_text(encoding="utf-8")
     assert old in text
-    with pytest.raises(InputError, match=message):
+    with pytest.raises(InputError, match=message) as error:
         load(write(text.replace(old, new, 1)))
+    assert str(error.value).count("car.toml") == 1
+
+
+@pytest.mark.parametrize(("line", "wrong"), [
+    ("transmission.ratio[7]", 1e300), ("transmission.ratio[7]", -1e3), ("tyre.relaxation_length", 1e300),
+    ("torque_meter.sampling_frequency", 1e9)])
+def test_numbers_far_beyond_what_a_car_can_have_are_refused_before_anything_is_computed_of_them(line, wrong):
+    """They overflowed in what is derived from them, or had the sensors' clock tick for hours."""
+    vehicle = load("suv_6l80")
+    with pytest.raises(InputError, match=re.escape(line)):
+        replace(vehicle, values=vehicle.values | {line: wrong}).parameters(FullOrderParameters)
 
 
 @pytest.mark.parametrize("name", CARS)
