@@ -83,6 +83,8 @@ def _known(text: str) -> pint.Unit:
     spelled = re.sub(r"([A-Za-z])\^?(-?\d+)", r"\1**\2", spelled)
     spelled = re.sub(r"\b(rev\b|[rU](?=/(min|s)\b))", "turn", spelled)
     try:
+        if re.search(r"\d\s*(\*\*|\^)", spelled):  # pint would work it out, which for 9**9**9**9 has no end
+            raise ValueError("a number is raised to a power")
         unit = registry().parse_units(spelled)
     except Exception as error:  # pint raises a dozen kinds, tokenizer errors among them
         raise InputError(

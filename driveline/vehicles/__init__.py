@@ -366,9 +366,12 @@ def _unit(text: str) -> Any:
     spelled = re.sub(r"(?<=[A-Za-z])(-?\d)", r"**\1", text.replace("^", "**").replace("%", "percent"))
     spelled = re.sub(r"(?<=[A-Za-z\d])\.(?=[A-Za-z(])", "*", spelled)
     try:
+        if re.search(r"\d\s*\*\*", spelled):  # pint would work it out, which for 9**9**9**9 has no end
+            raise ValueError("a number is raised to a power")
         return quantity(1.0, spelled).to_base_units()
     except Exception as error:  # pint raises half a dozen unrelated types for a unit it cannot read
-        raise ValueError(f"unit {text!r} is not understood: {error}; "
+        why = f": {error}" if str(error) else ""
+        raise ValueError(f"unit {text!r} is not understood{why}; "
                          "spelled right are N.m/rad, kg.m2, rpm, deg, mm, %, 1") from None
 
 
@@ -378,15 +381,18 @@ def _factor(unit: str) -> float:
 
 
 def _same_dimension(unit: str, other: str) -> bool:
-    """Whether one can stand for the other; turns are not periods, and a level in dB is only that."""
+    """Whether one can stand for the other; angles are not numbers, turns not periods, and a level in dB is only that.
+
+    Angles have no dimension, so 60 rpm would pass for 6.28 Hz, 650 1/min for 11 rad/s, and 5 N.m/deg for 286 N.m. Where
+    nothing but the angle is left out, as in N.m for N.m/rad, radians are meant.
+    """
     if "dB" in (unit, other):
         return unit == other
-    # radians have no dimension, so 60 rpm would pass for 6.28 Hz, and 650 1/min for 11 rad/s
     dimension = _unit(unit).dimensionality
     return dimension == _unit(other).dimensionality and (
-        dimension != {"[time]": -1} or _turns(unit) == _turns(other))
+        _angles(unit) == _angles(other) or (_angles(unit) == 0 and dimension != {"[time]": -1}))
 
 
-def _turns(unit: str) -> bool:
-    """Whether a unit says that something turns."""
-    return re.search("rpm|rad|deg|turn", unit) is not None
+def _angles(unit: str) -> int:
+    """To which power a unit holds the radian."""
+    return dict(_unit(unit).unit_items()).get("radian", 0)

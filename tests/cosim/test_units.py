@@ -41,7 +41,7 @@ def test_a_level_is_no_multiple_of_anything(source, target):
     assert units.conversion(source, source) == (1.0, 0.0)
 
 
-@pytest.mark.parametrize("text", ["rpn", "N..m", "furlong per", "(", "5"])
+@pytest.mark.parametrize("text", ["rpn", "N..m", "furlong per", "(", "5", "9**9**9**9", "m2^9^9^9"])
 def test_an_unknown_unit_is_named(text):
     with pytest.raises(InputError, match=r"unknown unit|cannot be converted"):
         units.conversion(text, "m")

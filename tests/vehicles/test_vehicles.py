@@ -193,6 +193,25 @@ def test_what_turns_is_given_in_units_of_turning(write, unit, right):
             vehicle.check([parameter("engine.idle_speed", "rad/s")])
 
 
+@pytest.mark.parametrize(("unit", "declared", "right"), [
+    ("N.m/deg", "N.m/rad", True), ("N.m", "N.m/rad", True), ("1", "rad", True), ("N.m/rpm2", "N.m.s2/rad2", True),
+    ("N.m/deg", "N.m", False), ("deg", "1", False), ("%", "1", True)])
+def test_an_angle_more_than_declared_is_another_dimension(write, unit, declared, right):
+    """What a degree's 57 would be multiplied by."""
+    vehicle = load(write(f'[a]\nb = {{ value = 5, unit = "{unit}", source = "s" }}\n'))
+    if right:
+        vehicle.check([parameter("a.b", declared)])
+    else:
+        with pytest.raises(InputError, match=f"line 2: a.b is given in '{unit}': '{declared}' or a unit of its"):
+            vehicle.check([parameter("a.b", declared)])
+
+
+@pytest.mark.parametrize("unit", ["9**9**9**9", "m**9**9**9", "m2^9^9^9"])
+def test_a_unit_that_pint_would_compute_for_ever_is_not_understood(write, unit):
+    with pytest.raises(InputError, match="line 2: .* is not understood: a number is raised to a power"):
+        load(write(f'[a]\nb = {{ value = 5, unit = "{unit}", source = "s" }}\n'))
+
+
 def test_an_unknown_vehicle_or_variant_names_those_there_are(write, tmp_path):
     with pytest.raises(InputError, match="no vehicle 'tractor': .*pickup_10r80, suv_6l80"):
         load("tractor")
