@@ -273,16 +273,17 @@ class Master:
                 raise InputError(f"{name} cannot vary its step of {member.step / clocks.PER_SECOND:g} s, and "
                                  f"the run of {stop - start:g} s is not a multiple of it")
         connections = self._resolve()
-        for connection in connections:
-            if connection.source in self._signals:
-                wires.check_values(self._signals[connection.source], connection,
-                                   wires.find_input(connection.target, self._participants), clock)
         recorded = self.recorded()
         by_target = {connection.target: connection for connection in connections}
         layout = layouts.lay_out(self._members, self._signals, by_target, list(recorded))
         loop = Loop(layout.seats, layout.bus, layout.varying, clock,
                     np.array([layout.slots[name] for name in recorded], dtype=np.intp), record_period,
                     self._gauss_seidel)
+        # last: of a run too long to be recorded this would take for ever
+        for connection in connections:
+            if connection.source in self._signals:
+                wires.check_values(self._signals[connection.source], connection,
+                                   wires.find_input(connection.target, self._participants), clock)
         return loop, recorded
 
     def _resolve(self) -> list[wires.Connection]:

@@ -22,6 +22,7 @@ from cosim.ending import asking
 from cosim.master.clock import PER_SECOND, Clock
 from cosim.master.participants import Participant, SimulationError
 from cosim.signals import Signal
+from driveline.quantities import InputError
 
 _FIRST, _LAST = 1 << 62, 1 << 61  # marks of the first and the last event, beside the bits of the rates
 
@@ -98,9 +99,13 @@ class Loop:
         self._seats, self._bus, self._signals, self._clock = seats, bus, signals, clock
         self._recorded, self._gauss_seidel = recorded, gauss_seidel
         self._record_bit = clock.bit(record_period)
-        # zeros take no memory before they are written to, so a long run may end early
-        self.recording = Recording(clock, record_period,
-                                   np.zeros((clock.count(record_period), recorded.size)))
+        count = clock.count(record_period)
+        try:  # zeros take no memory before they are written to, so a long run may end early
+            rows = np.zeros((count, recorded.size))
+        except (MemoryError, ValueError) as error:
+            raise InputError(f"{recorded.size} values at {count} instants are more than there is memory for: record "
+                             "fewer, at a longer step of the record, or let the run stop earlier") from error
+        self.recording = Recording(clock, record_period, rows)
         self._samplers = [self._sampler(seat) for seat in seats]
 
     def initialize(self) -> None:

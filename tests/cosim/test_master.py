@@ -178,6 +178,14 @@ def test_what_is_recorded_and_how_often_changes_nothing():
     assert more["a.time_constant"].tolist() == [0.1] * more.time.size
 
 
+@pytest.mark.parametrize("step", [1e-3, "1 ns"])
+def test_a_record_larger_than_any_memory_is_refused_before_signals_are_looked_at(step):
+    master = Master(step).add("plant", "plant_rom_3dof", twin=True)
+    master.connect(Ramp(before=0.0, after=100.0, time=1.0, duration=1.0), "plant.engine_torque")
+    with pytest.raises(InputError, match=r"10 values at 4\d+1 instants are more than there is memory for"):
+        master.run(4e6)
+
+
 @pytest.mark.parametrize("step", [2e-3, 3e-3, 5e-3])
 def test_outputs_are_held_in_the_record_though_they_feed_nobody(step):
     """A record that has instants between the ends of steps shows what the last of them gave."""
