@@ -37,6 +37,8 @@ _KEYS = {
 }
 # A jump back by more [s] is not jitter of a logger, nor are so many samples in a row that all are late.
 _CLOCK_RESTARTED, _MANY = 1.0, 4
+_CLOCK_SET = 86400.0  # s: nobody pauses a recording for longer; its clock was set, or does not count seconds
+_LARGEST = 1e30  # SI: nothing measured is larger, but what single precision marks an invalid sample with is
 # What a unit means on an instrument of that kind, by the unit of the signal and as written: tachometers count
 # revolutions, accelerometers weights. A speed of rotation in 1/s may be either, and is refused.
 _MEANT = {("rad/s", "1/min"): "rpm", ("m/s2", "g"): "g_0"}
@@ -354,7 +356,8 @@ def _in_si(values: np.ndarray, name: str, unit: str, entry: Mapping[str, Any], w
         factor, offset = units.conversion(meant, wanted)
     except InputError as error:
         raise InputError(f"{where}: {name} is measured in {wanted}: {error}") from error
-    return factor * (_factor(entry, where) * values) + offset
+    with np.errstate(over="ignore"):  # what has no number left in SI is infinite, and left out
+        return factor * (_factor(entry, where) * values) + offset
 
 
 def _factor(entry: Mapping[str, Any], where: str) -> float:
@@ -408,7 +411,11 @@ def _in_order(times: np.ndarray, values: np.ndarray, table: DataTable, label: st
     infinite = np.isinf(values)
     if infinite.any():
         notices.append(f"column '{label}': {int(infinite.sum())} infinite values were left out")
-    present = np.isfinite(values) & ~untimed
+    large = np.isfinite(values) & (np.abs(values) > _LARGEST)
+    if large.any():
+        notices.append(f"column '{label}': {int(large.sum())} values larger than anything measured were left out, up "
+                       f"to {np.abs(values[large]).max():.3g}")
+    present = np.isfinite(values) & ~large & ~untimed
     if not present.any():
         raise InputError(f"{table.path}: column '{label}' holds no values")
     rows = np.flatnonzero(present)
@@ -428,9 +435,16 @@ def _in_order(times: np.ndarray, values: np.ndarray, table: DataTable, label: st
                        "most; sorted")
         order = np.argsort(times, kind="stable")
         times, values = times[order], values[order]
+    if (set_on := np.flatnonzero(step > _CLOCK_SET)).size:
+        at = int(set_on[0])
+        raise InputError(f"{table.path}: the time of column '{label}' jumps on by {step[at]:.6g} s at data row "
+                         f"{rows[at + 1] + 1}: was its clock set there, or is it not in the unit it is read in?")
     again = np.diff(times, prepend=-np.inf) == 0.0
     if again.any():
         notices.append(f"column '{label}': {int(again.sum())} repeated instants, the first value was kept")
+        if again.sum() == times.size - 1:
+            raise InputError(f"{table.path}: the time of column '{label}' reads {times[0]:.15g} s in all its rows: "
+                             "is it the right clock?")
         times, values = times[~again], values[~again]
     return times, values
 

@@ -167,9 +167,11 @@ def _from_header(text: str) -> tuple[str, str, int]:
 
 
 def _wider(text: str, separator: str, header: Sequence[str]) -> tuple[int, int] | None:
-    """Line and number of fields of the first row that has more of them than the header."""
+    """Line and number of fields of the first row that has more of them than the header, if that is what is wrong."""
     rows = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
-    return next(((rows.line_num, len(row)) for row in rows if len(row) > len(header)), None)
+    with contextlib.suppress(csv.Error):  # of a quote that nothing closes, which makes one field of all that follows
+        return next(((rows.line_num, len(row)) for row in rows if len(row) > len(header)), None)
+    return None
 
 
 def _units_row(cells: Sequence[str | None]) -> list[str | None] | None:

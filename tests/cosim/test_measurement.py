@@ -272,6 +272,16 @@ def test_a_clock_of_its_own_that_ends_before_the_others_loses_nothing(tmp_path):
         "a.csv: 1 rows without a time were left out",)
 
 
+def test_what_marks_an_invalid_sample_is_no_value_of_it(tmp_path):
+    """The largest number of single precision, or one that has none in SI."""
+    (tmp_path / "a.csv").write_text("time,force [kN],position\n0,1,1\n1,-3.4028235e38,2\n2,1e307,3\n3,4,4\n")
+    found = load(tmp_path / "a.csv").manoeuvres[0]
+    assert found["force"].values.tolist() == [1000.0, 4000.0] and found["position"].values.size == 4
+    assert found.notices == ("a.csv: column 'force': 1 infinite values were left out",
+                             "a.csv: column 'force': 1 values larger than anything measured were left out, up to "
+                             "3.4e+41")
+
+
 def test_late_samples_are_put_in_order_whichever_way_they_are_late(tmp_path):
     """One stamp of a later time, a packet of three that came late, neighbours swapped: one course all the same."""
     order = [*range(20), 40, *range(20, 40), *range(44, 60), *range(41, 44), *range(61, 80), 60]
@@ -415,6 +425,10 @@ def test_gzip_is_known_by_either_spelling_and_refused_by_name_where_it_is_damage
     *((TOML, "t,nEng,v,wl,wr,T\n" + "".join(f"{t if t != 200 else wrong},1,1,1,1,1\n" for t in range(0, 400, 10)),
        rf"'nEng' is {wrong / 1000:g} s at data row 21, and in order before and after it: leave that row out")
       for wrong in (9000, -9000)),
+    (TOML, "t,nEng,v,wl,wr,T\n0,1,1,1,1,1\n10,1,1,1,1,1\n1.7e12,1,1,1,1,1\n",
+     r"column 'nEng' jumps on by 1.7e\+09 s at data row 3: was its clock set there, or is it not in the unit"),
+    (TOML, "t,nEng,v,wl,wr,T\n" + "500,1,1,1,1,1\n" * 9, r"column 'nEng' reads 0.5 s in all its rows: is it the right"),
+    (TOML, 't,nEng,v,wl,wr,T\n0,1,1,1,1,"1\n' + "10,1,1,1,1,1\n" * 20000, r"log.csv is not a readable CSV file"),
     (TOML, CSV.replace("t,nEng,v,", "t,nEng,nEng,"), r"log.csv: 2 columns are called 'nEng' \(nEng, nEng\): leave"),
 ])
 def test_what_is_wrong_is_named(tmp_path, toml, csv, words):

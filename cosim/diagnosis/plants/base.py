@@ -16,6 +16,7 @@ from driveline import vehicles
 from driveline.plants.plant import Plant
 from driveline.quantities import InputError
 
+SLOWEST = 1.0  # s: between samples of what drives a plant; slower ones show nothing of a driveline
 SHORTEST = 2.0  # s: of what shorter stretches show little can be said
 _RATE = 500.0  # Hz: channels that are sampled faster are thinned, as the driveline does nothing up there
 
@@ -207,10 +208,14 @@ class InstrumentedPlant:
         return start, stop
 
     def _driven(self, manoeuvre: Manoeuvre) -> None:
-        """Raise InputError unless what drives the plant was recorded."""
+        """Raise InputError unless what drives the plant was recorded, often enough."""
         if self.driver not in manoeuvre:
             raise InputError(f"manoeuvre '{manoeuvre.name}' has no channel '{self.driver}': without what drives "
                              "the plant nothing can be simulated")
+        times = manoeuvre[self.driver].time
+        if times.size > 2 and (apart := float(np.median(np.diff(times)))) > SLOWEST:
+            raise InputError(f"manoeuvre '{manoeuvre.name}': the samples of {self.driver} are {apart:.4g} s apart, and "
+                             f"at most {SLOWEST:g} s are of use: is the unit of its clock right?")
 
     def _inputs(self, manoeuvre: Manoeuvre, start: float, stop: float) -> np.ndarray:
         """Steps x inputs from the channels that are inputs; the others at their start values."""

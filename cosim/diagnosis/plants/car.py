@@ -234,11 +234,11 @@ class FullOrderCar(InstrumentedPlant):
 
     def _cut(self, manoeuvre: Manoeuvre) -> Stretches:
         """Its liveliest stretches and the others, each in order of time."""
+        self._driven(manoeuvre)
         dead = self._dead(manoeuvre)
         left_out = [f"{manoeuvre.name}: {name} always reads {manoeuvre[name].values[0]:g}, so it is left out"
                     for name in dead]
         manoeuvre = self.updated(manoeuvre.without(dead))
-        self._driven(manoeuvre)
         present = [name for name in self.channels if name in manoeuvre]
         if not any(name.endswith("speed") for name in present):
             raise InputError(f"manoeuvre '{manoeuvre.name}' has no speed: at least one of "
@@ -289,13 +289,15 @@ class FullOrderCar(InstrumentedPlant):
     def whole(self, manoeuvre: Manoeuvre) -> Run | None:
         """A recording from the first to the last of its torque, whatever else is there then, led by nothing.
 
-        None of a drive, or through several gears.
+        None of a drive, or through several gears, or with a pause in which nobody knows what drove.
         """
         manoeuvre = manoeuvre.from_zero()
         manoeuvre = self.updated(manoeuvre.without(self._dead(manoeuvre)))
         if manoeuvre.kind == "drive" or "gear" in manoeuvre and np.ptp(manoeuvre["gear"].values) > 0.0:
             return None
         present, time = [name for name in self.channels if name in manoeuvre], manoeuvre[self.driver].time
+        if np.diff(time).max(initial=0.0) > LONGEST:
+            return None
         run = self._run(manoeuvre, present, manoeuvre.name, float(time[0]), float(time[-1]))
         return run.free if isinstance(run, Run) else None
 

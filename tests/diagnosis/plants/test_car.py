@@ -9,7 +9,7 @@ from floors import FLOORS
 from scipy.interpolate import CubicSpline
 
 from cosim.diagnosis.fit.noise import floors
-from cosim.diagnosis.plants import STEP, FullOrderCar, Nuisance
+from cosim.diagnosis.plants import STEP, Bench, FullOrderCar, Nuisance
 from cosim.diagnosis.plants.car import led_by
 from cosim.diagnosis.plants.observation import CHANNELS
 from cosim.measured import CANONICAL, Channel, Manoeuvre, Measurement
@@ -222,6 +222,25 @@ def test_too_short_is_never_said_to_be_as_long_as_is_needed(stop, said):
                                        for name, time in times.items()})
     with pytest.raises(InputError, match=f"together are there for {said} s; at least 2 s are needed"):
         FullOrderCar("suv_6l80")._span(short)
+
+
+@pytest.mark.parametrize("plant", [FullOrderCar("suv_6l80"), Bench("dyno_5nm")])
+def test_a_clock_in_another_unit_than_it_is_read_in_is_asked_for(plant):
+    """Milliseconds taken for seconds would be simulated for hours."""
+    time = np.arange(0.0, 5000.0, 10.0)
+    names = ("engine_torque", "wheel_speed", "motor_torque", "motor_speed")
+    wrong = Manoeuvre("m", "tip_in", 4, {n: Channel(n, CANONICAL[n].unit, time, np.sin(time), n) for n in names})
+    with pytest.raises(InputError, match="torque are 10 s apart, and at most 1 s are of use: is the unit of its clock"):
+        plant.runs(Measurement("m", plant.vehicle, None, (wrong,)))
+
+
+def test_nobody_knows_what_drove_in_a_pause_of_the_logger(measurement, car_and_run):
+    car, _ = car_and_run
+    [manoeuvre] = measurement.manoeuvres
+    assert car.whole(manoeuvre) is not None
+    for pause, known in ((10.0, True), (80000.0, False)):
+        paused = {name: replace(c, time=c.time + pause * (c.time > 3.0)) for name, c in manoeuvre.channels.items()}
+        assert (car.whole(replace(manoeuvre, channels=paused)) is not None) == known
 
 
 def test_where_the_speeds_have_no_gears_ratio_a_drive_is_not_compared():
