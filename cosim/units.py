@@ -15,7 +15,7 @@ from importlib import resources
 
 import pint
 
-from driveline.quantities import InputError
+from driveline.quantities import InputError, computable
 
 _ANGLE_PREFIXES = ("", "milli", "micro", "ste")  # the steradian is a unit of its own
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*$", re.DOTALL)
@@ -83,9 +83,7 @@ def _known(text: str) -> pint.Unit:
     spelled = re.sub(r"([A-Za-z])\^?(-?\d+)", r"\1**\2", spelled)
     spelled = re.sub(r"\b(rev\b|[rU](?=/(min|s)\b))", "turn", spelled)
     try:
-        if re.search(r"\d\s*(\*\*|\^)", spelled):  # pint would work it out, which for 9**9**9**9 has no end
-            raise ValueError("a number is raised to a power")
-        unit = registry().parse_units(spelled)
+        unit = registry().parse_units(computable(spelled))
     except Exception as error:  # pint raises a dozen kinds, tokenizer errors among them
         raise InputError(
             f"unknown unit '{text}'; written like N.m, rad/s, rpm, km/h, m/s2, deg, %") from error

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+import re
 import typing
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -21,6 +22,17 @@ _ANY = (-math.inf, math.inf)
 
 class InputError(ValueError):
     """The input is wrong; the message names the variable, file or line and what would be right."""
+
+
+def computable(unit: str) -> str:
+    """A unit in pint's spelling, unless pint would work it out for ever.
+
+    Raises:
+        ValueError: A number is raised to a power, which for 9**9**9**9 has no end.
+    """
+    if re.search(r"\d\s*(\*\*|\^)", unit):
+        raise ValueError("a number is raised to a power")
+    return unit
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from ..elements.planetary import NEUTRAL, Gearbox, PlanetarySet, ShiftElement
-from ..quantities import InputError, Variable, declared, from_values, parameter_variables
+from ..quantities import InputError, Variable, computable, declared, from_values, parameter_variables
 from ..toml import read_toml
 
 BASELINE = "baseline"
@@ -366,9 +366,7 @@ def _unit(text: str) -> Any:
     spelled = re.sub(r"(?<=[A-Za-z])(-?\d)", r"**\1", text.replace("^", "**").replace("%", "percent"))
     spelled = re.sub(r"(?<=[A-Za-z\d])\.(?=[A-Za-z(])", "*", spelled)
     try:
-        if re.search(r"\d\s*\*\*", spelled):  # pint would work it out, which for 9**9**9**9 has no end
-            raise ValueError("a number is raised to a power")
-        return quantity(1.0, spelled).to_base_units()
+        return quantity(1.0, computable(spelled)).to_base_units()
     except Exception as error:  # pint raises half a dozen unrelated types for a unit it cannot read
         why = f": {error}" if str(error) else ""
         raise ValueError(f"unit {text!r} is not understood{why}; "

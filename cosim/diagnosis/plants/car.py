@@ -257,8 +257,8 @@ class FullOrderCar(InstrumentedPlant):
                 runs.append(run)
             elif manoeuvre.kind != "drive":  # in which the car stands now and then
                 lost.setdefault(run, []).append(f"{begin:.3g} to {end:.3g} s")
-        left_out += [f"{manoeuvre.name}: nothing is compared from {' and '.join(spans)}: {why}"
-                     for why, spans in lost.items()]
+        left_out += [f"{manoeuvre.name}: nothing is compared from {' and '.join(times)}: {why}"
+                     for why, times in lost.items()]
         lively = sorted(runs, key=lambda run: -float(np.std(run.inputs[:, 0])))
         chosen, others = (sorted(some, key=lambda run: run.start) for some in (lively[:RUNS], lively[RUNS:]))
         return Stretches(chosen, others, left_out)
