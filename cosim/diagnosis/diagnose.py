@@ -18,7 +18,7 @@ from cosim.diagnosis.benches.bench import diagnose_bench
 from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.fit.fitting import Fit, as_found
 from cosim.diagnosis.fit.noise import Noise
-from cosim.diagnosis.fit.predict import Predictor, coordinates
+from cosim.diagnosis.fit.predict import ZERO, Coordinate, Predictor, coordinates, zero_of
 from cosim.diagnosis.gain import extend
 from cosim.diagnosis.gain.profit import profit
 from cosim.diagnosis.gain.swings import as_driven
@@ -40,6 +40,7 @@ from cosim.diagnosis.judge.verdict import (
 )
 from cosim.diagnosis.plants import FullOrderCar, InstrumentedPlant, RigidPlant, Run, plant_for, plausible
 from cosim.diagnosis.plants.car import PLACES
+from cosim.diagnosis.plants.observation import CHANNELS
 from cosim.diagnosis.search.identification import APART, Identification
 from cosim.diagnosis.search.identify import Search
 from cosim.diagnosis.show.residuals import wrong
@@ -49,6 +50,7 @@ from cosim.workers import cores
 
 log = logging.getLogger("cosim")
 _TOLD = 1.0  # N.m.s: impulse that may be lost where frames are, from which on that is said
+_NOT_LEVEL = 2.0  # times what accelerometers show at rest, from which on that is said
 _COMPARED = 4  # rivals that a proposed manoeuvre has to tell from the best
 _DRAWS = 30  # healthy cars
 _FAR_MORE = 2.0  # times what a torque explains that is missing in a healthy car (a judgement)
@@ -211,6 +213,15 @@ def _notices(measurement: Measurement, car: InstrumentedPlant, runs: list[Run], 
     return notices
 
 
+def _zeros(declared: Sequence[Coordinate], fit: Fit) -> list[str]:
+    """Which accelerometers show more at rest than those do that are nearly level, in words."""
+    places = {c.name: i for i, c in enumerate(declared)}
+    found = {name: float(np.mean([point[places[zero_of(name)]] for point in fit.points]))
+             for name in CHANNELS if zero_of(name) in places}
+    return [f"{name} shows some {size:.2g} m/s2 at rest, as of a sensor that is not level or was not set to zero: that "
+            "is taken off" for name, size in found.items() if abs(size) > _NOT_LEVEL * ZERO]
+
+
 def _lasts(hanging: Channel) -> float:
     """How long samples that repeat others last together [s]."""
     return float(hanging.time.size * np.median(np.diff(hanging.time)))
@@ -252,6 +263,9 @@ def _driveline(diagnosis: Diagnosis, car: FullOrderCar, out: Path | None, worker
                 diagnosis.notices.append(notice)
             confirmed = {verdict.effect for verdict in verdicts if verdict.confirmed}
         diagnosis.identification = found
+        for notice in _zeros(declared, found.best):
+            say(notice)
+            diagnosis.notices.append(notice)
         say("whether something is missing beside what was found")
         left, curve = left_over(search.fitter, found), None
         if not is_strange(left):

@@ -48,6 +48,16 @@ def test_of_what_is_driven_again_as_many_are_fitted_as_was_promised(recordings):
         assert {r.name for r in used} <= {r.name for r in again}
 
 
+def test_what_an_accelerometer_shows_at_rest_is_told_where_it_is_much():
+    """As of one that stands upright."""
+    zeros = [SimpleNamespace(name=f"{channel}_acceleration.zero") for channel in ("seat", "differential")]
+    fit = SimpleNamespace(points=[np.array([9.7, 0.1]), np.array([9.9, -0.1])])
+    assert diagnose._zeros(zeros, fit) == [
+        "seat_acceleration shows some 9.8 m/s2 at rest, as of a sensor that is not level or was not set to zero: that "
+        "is taken off"]
+    assert diagnose._zeros([], fit) == []
+
+
 def test_where_nothing_is_wrong_the_likeliest_that_is_not_excluded_is_looked_for(monkeypatch):
     """As if it were there: what it would have to be told from is nothing wrong, too."""
     def fit(score, *causes):

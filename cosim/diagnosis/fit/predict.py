@@ -20,10 +20,11 @@ from scipy.interpolate import CubicSpline
 from threadpoolctl import threadpool_limits
 
 from cosim.diagnosis.catalogue import CATALOGUE
-from cosim.diagnosis.effect import Effect, EffectParameter, Values, factor, scaled
+from cosim.diagnosis.effect import Effect, EffectParameter, Values, factor, scaled, shift
 from cosim.diagnosis.fit.noise import WANDER, bends, floor, wander
 from cosim.diagnosis.plants import STEP, FullOrderCar, Nuisance, Run
 from cosim.diagnosis.plants.hats import MEMORY, comb, fast, hats, lasting, parted, teeth
+from cosim.measured import CANONICAL
 from cosim.workers import pool
 from driveline.quantities import InputError
 
@@ -35,6 +36,9 @@ SLOPES = 0.03  # of roads that nobody measured, standard deviation: of a proving
 WANDERS = "torque_wander"  # the name of the heights of the hats that the engine torque wanders by
 FILLED = "torque_filled"  # and of what it was in gaps
 HEALTHY = 0.04  # by how much other numbers of the file are wrong, one sigma of the logarithm
+# An accelerometer shows the part of gravity along it, 0.17 m/s2 where it, or the road, is off by a degree: so what it
+# shows at rest is no better known, and says nothing of the car.
+ZERO = 0.2  # m/s2
 # What the catalogue can name is right in a healthy car but for this share of what shows.
 TOLERANCE = 0.2
 # Of differences, in detection limits. With three times as much crossings of a lash are not on a line any more, with a
@@ -129,6 +133,11 @@ def coordinates(car: FullOrderCar, runs: Sequence[Run],
             p = factor(name, name, unit="1", meaning="known to some per cent only", spread=HEALTHY,
                        limits=(0.8, 1.25), detection=2.0 * HEALTHY)
             found.append(Coordinate(name, "", "", None, p, HEALTHY, HEALTHY, _STEP * p.detection, -0.2, 0.2))
+    for channel in sorted(channels):
+        if CANONICAL[channel].unit == "m/s2":
+            p = shift(zero_of(channel), f"observe.{channel}.offset", unit="m/s2", meaning="shown at rest",
+                      spread=ZERO, limits=(-np.inf, np.inf), detection=2.0 * ZERO)
+            found.append(Coordinate(p.name, "", "", None, p, ZERO, ZERO, _STEP * p.detection))
     for r, run in enumerate(runs):
         found += [Coordinate(name, "", "", r, None, spread, spread, step)
                   for name, (spread, step) in _nuisances(run).items()]
@@ -137,6 +146,11 @@ def coordinates(car: FullOrderCar, runs: Sequence[Run],
     for r, run in enumerate(runs):
         found += [Coordinate(WANDERS, "", "", r, None, WANDER, WANDER, WANDER, part=k) for k in range(hats(run).size)]
     return found
+
+
+def zero_of(channel: str) -> str:
+    """The name of what an accelerometer shows at rest, among the coordinates."""
+    return f"{channel}.zero"
 
 
 def _nuisances(run: Run) -> dict[str, tuple[float, float]]:

@@ -5,10 +5,10 @@ from functools import partial
 
 import numpy as np
 import pytest
-from floors import FLOORS, measured
+from floors import FLOORS, measured, shortened
 
 from cosim.diagnosis.fit.fitting import Fitter
-from cosim.diagnosis.fit.predict import WANDERS, Predictor, amplitude, coordinates
+from cosim.diagnosis.fit.predict import WANDERS, Predictor, amplitude, coordinates, zero_of
 from cosim.diagnosis.plants import FullOrderCar
 from cosim.diagnosis.plants.hats import hats
 
@@ -41,6 +41,24 @@ def test_what_is_not_there_cannot_be_taken_away(car_and_run):
     assert all(c.plausible(c.low) for c in (compliance, period, gap))
     assert not compliance.plausible(compliance.high) and not by_name["vehicle_mass"].plausible(
         by_name["vehicle_mass"].low)
+
+
+def test_an_accelerometer_that_is_not_level_says_nothing_of_the_car(car_and_run):
+    """At one degree a healthy car's log likelihood fell by thousands."""
+    car, run = car_and_run
+    short = shortened(run, 3.0)
+    seat, scores = "seat_acceleration", []
+    for tilt in (0.0, 0.17):
+        tilted = replace(short, measured={**short.measured, seat: short.measured[seat] + tilt})
+        with Predictor(car, [tilted], coordinates(car, [tilted])) as predictor:
+            fitter = Fitter(predictor)
+            file = fitter.nominal()
+            noise = fitter.noise(file)
+            fit = fitter.settle(fitter.refine(file, noise, 3), noise)
+        scores.append(fit.score)
+    [place] = [i for i, c in enumerate(predictor.coordinates) if c.name == zero_of(seat)]
+    assert fit.points[0][place] == pytest.approx(0.17, abs=0.03)
+    assert scores[1] == pytest.approx(scores[0], abs=2.0)
 
 
 GAPS = ("transmission.half_gap", "final_drive.half_gap")
