@@ -14,6 +14,7 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import median_filter
 
 from cosim.diagnosis.plants.base import SHORTEST, InstrumentedPlant, Stretches, compared
+from cosim.diagnosis.plants.calm import calm_parts
 from cosim.diagnosis.plants.frozen import frozen
 from cosim.diagnosis.plants.gaps import gaps, known
 from cosim.diagnosis.plants.held import updates
@@ -32,6 +33,7 @@ log = logging.getLogger("cosim")
 SETTLE = 0.3  # what is not compared after the start [s]: the plant starts rolling steadily, the car need not
 LONGEST = 15.0  # a longer recording is cut [s]: start speed and grade are constant within a run
 RUNS = 6  # at most so many stretches of one long recording
+_MOVES = 0.5  # of what the torque moves by in its liveliest part: where it moves by less the manoeuvre is not driven
 _IMPULSE = 0.1  # N.m.s: a gap in which less may have been lost is no more than the torque wanders by
 _GAPS = 6  # of a run that are estimated; a slow logger has one after the other, and each takes simulations
 _ENDED = 0.4  # s from its first or last sample: beyond, which no delay of a sensor is, nothing leads along a channel
@@ -259,6 +261,9 @@ class FullOrderCar(InstrumentedPlant):
                 lost.setdefault(run, []).append(f"{begin:.3g} to {end:.3g} s")
         left_out += [f"{manoeuvre.name}: nothing is compared from {' and '.join(times)}: {why}"
                      for why, times in lost.items()]
+        most = max((_moves(run) for run in runs), default=0.0)
+        runs = [run if manoeuvre.kind == "drive" or _moves(run) >= _MOVES * most else dataclasses.replace(run, kind="")
+                for run in runs]
         lively = sorted(runs, key=lambda run: -float(np.std(run.inputs[:, 0])))
         chosen, others = (sorted(some, key=lambda run: run.start) for some in (lively[:RUNS], lively[RUNS:]))
         return Stretches(chosen, others, left_out)
@@ -340,9 +345,8 @@ class FullOrderCar(InstrumentedPlant):
             # what a shift shakes up rings down first; the clutches of the next shift begin before its flag
             begin, end = begin + 0.8 * (begin != start), end - 0.3 * (end != stop)
             for first, last in _coupled(manoeuvre, begin, end):
-                count = max(1, int(np.ceil((last - first) / LONGEST)))
-                bounds = np.linspace(first, last, count + 1)
-                spans += [(float(a), float(b), gear) for a, b in zip(bounds, bounds[1:]) if b - a >= SHORTEST]
+                spans += [(a, b, gear) for a, b in calm_parts(manoeuvre[self.driver], first, last, LONGEST)
+                          if b - a >= SHORTEST]
         return spans
 
     def _run(self, manoeuvre: Manoeuvre, present: Sequence[str], name: str, start: float, stop: float,
@@ -442,6 +446,11 @@ def led_by(run: Run, raw: Mapping[str, np.ndarray]) -> Run:
     """A run led along what a simulation shows, as if that had been measured, by sensors without errors."""
     return dataclasses.replace(run, gaps=(), anchors={name: CubicSpline(run.time, raw[name]) for name in ANCHORS
                                                       if name in run.clocks})
+
+
+def _moves(run: Run) -> float:
+    """By how much what drives a run moves [N.m]."""
+    return float(np.ptp(run.inputs[:, 0]))
 
 
 def _where(channel: Channel, which: np.ndarray) -> Channel:

@@ -42,7 +42,7 @@ class Run:
 
     Attributes:
         name: Of the manoeuvre, with a number where it was cut.
-        kind: Of the manoeuvre.
+        kind: Of the manoeuvre; empty for a part of its recording in which it is not driven.
         gear: At the start.
         start: Begin of the simulation [s] on the recording's clock, which counts from where its file began.
         inputs: Steps x inputs of the plant.

@@ -1,0 +1,48 @@
+"""Where a long recording may be cut: where the torque that drives it has been calm for a while."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
+from cosim.measured import Channel
+
+_GRID = 0.02  # s
+_BEFORE, _AFTER = 2.0, 0.5  # s: what a step of torque shakes up rings down before a cut, and is whole where it follows
+_ALIKE = 0.05  # of what the torque moves by in the whole stretch: what moves by so much more is as calm
+
+
+def calm_parts(driver: Channel, begin: float, end: float, longest: float) -> list[tuple[float, float]]:
+    """Parts of a stretch, one after the other, none longer than a length; the last at least a quarter of that.
+
+    A simulation begins rolling steadily, as a car does where the torque has not moved for a while. Where that is so in
+    several places the last of them is taken.
+
+    Args:
+        driver: What drives the plant.
+        begin, end: Of the stretch [s].
+        longest: Part [s].
+    """
+    if end - begin <= longest:
+        return [(begin, end)]
+    times = np.arange(begin, end, _GRID)
+    moves = _moves(driver.at(times))
+    alike = _ALIKE * float(np.ptp(driver.at(times)))
+    parts, first = [], begin
+    while end - first > longest:
+        latest = min(first + longest, end - 0.25 * longest)
+        reached = np.flatnonzero((times >= first + 0.5 * longest) & (times <= latest))
+        calm = reached[moves[reached] <= moves[reached].min() + alike]
+        cut = float(times[calm[-1]])
+        parts.append((first, cut))
+        first = cut
+    return [*parts, (first, end)]
+
+
+def _moves(torque: np.ndarray) -> np.ndarray:
+    """By how much the torque moves around every instant of the grid, more before than after."""
+    before, after = round(_BEFORE / _GRID), round(_AFTER / _GRID)
+    size = before + after + 1
+    shift = (before - after) // 2  # of the window's middle, earlier
+    highest, lowest = (of(torque, size, origin=shift, mode="nearest") for of in (maximum_filter1d, minimum_filter1d))
+    return highest - lowest
