@@ -15,7 +15,7 @@ from importlib import resources
 
 import pint
 
-from driveline.quantities import InputError, computable
+from driveline.quantities import InputError, spelled_for_pint
 
 _ANGLE_PREFIXES = ("", "milli", "micro", "ste")  # the steradian is a unit of its own
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*$", re.DOTALL)
@@ -77,13 +77,8 @@ def _known(text: str) -> pint.Unit:
     """As ``parse``, without what FMUs define."""
     if text.strip() in ("1", "", "-"):
         return registry().Unit("")
-    spelled = text.strip().replace("%", "percent").replace("·", "*")
-    spelled = spelled.replace("°C", "degC").replace("°", "deg")
-    spelled = re.sub(r"(?<=[A-Za-z0-9)])\.(?=[A-Za-z(])", "*", spelled)
-    spelled = re.sub(r"([A-Za-z])\^?(-?\d+)", r"\1**\2", spelled)
-    spelled = re.sub(r"\b(rev\b|[rU](?=/(min|s)\b))", "turn", spelled)
     try:
-        unit = registry().parse_units(computable(spelled))
+        unit = registry().parse_units(spelled_for_pint(text))
     except Exception as error:  # pint raises a dozen kinds, tokenizer errors among them
         raise InputError(
             f"unknown unit '{text}'; written like N.m, rad/s, rpm, km/h, m/s2, deg, %") from error

@@ -24,15 +24,21 @@ class InputError(ValueError):
     """The input is wrong; the message names the variable, file or line and what would be right."""
 
 
-def computable(unit: str) -> str:
-    """A unit in pint's spelling, unless pint would work it out for ever.
+def spelled_for_pint(unit: str) -> str:
+    """A unit in FMI spelling (``kg.m2``, ``s-1``, ``%``), or as it is written on paper, in pint's.
+
+    A dot multiplies, a digit after a letter is a power, and a revolution is a turn.
 
     Raises:
-        ValueError: A number is raised to a power, which for 9**9**9**9 has no end.
+        ValueError: A number is raised to a power, which pint would work out for ever for 9**9**9**9.
     """
-    if re.search(r"\d\s*(\*\*|\^)", unit):
+    spelled = unit.strip().replace("%", "percent").replace("·", "*").replace("°C", "degC").replace("°", "deg")
+    spelled = re.sub(r"(?<=[A-Za-z0-9)])\.(?=[A-Za-z(])", "*", spelled)
+    spelled = re.sub(r"([A-Za-z])\^?(-?\d+)", r"\1**\2", spelled)
+    spelled = re.sub(r"\b(rev\b|[rU](?=/(min|s)\b))", "turn", spelled)
+    if re.search(r"\d\s*(\*\*|\^)", spelled):
         raise ValueError("a number is raised to a power")
-    return unit
+    return spelled
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from ..elements.planetary import NEUTRAL, Gearbox, PlanetarySet, ShiftElement
-from ..quantities import InputError, Variable, computable, declared, from_values, parameter_variables
+from ..quantities import InputError, Variable, declared, from_values, parameter_variables, spelled_for_pint
 from ..toml import read_toml
 
 BASELINE = "baseline"
@@ -362,11 +362,8 @@ def _unit(text: str) -> Any:
     quantity = _registry().Quantity
     if text == "dB":
         return quantity(1.0, "dimensionless")
-    # FMI spelling to pint's: a dot multiplies, a digit after a letter is a power
-    spelled = re.sub(r"(?<=[A-Za-z])(-?\d)", r"**\1", text.replace("^", "**").replace("%", "percent"))
-    spelled = re.sub(r"(?<=[A-Za-z\d])\.(?=[A-Za-z(])", "*", spelled)
     try:
-        return quantity(1.0, computable(spelled)).to_base_units()
+        return quantity(1.0, spelled_for_pint(text)).to_base_units()
     except Exception as error:  # pint raises half a dozen unrelated types for a unit it cannot read
         why = f": {error}" if str(error) else ""
         raise ValueError(f"unit {text!r} is not understood{why}; "

@@ -105,6 +105,7 @@ def test_a_file_may_begin_with_a_byte_order_mark(tmp_path):
 @pytest.mark.parametrize("unit, si", [
     ("rpm", math.pi / 30), ("km/h", 1 / 3.6), ("lbf.ft", 1.3558179483314), ("N.m.s2/rad2", 1.0), ("mm", 1e-3),
     ("g.cm2", 1e-7), ("m/s^2", 1.0), ("1/min", 1 / 60), ("N.m/deg", 180 / math.pi), ("s-1", 1.0), ("1", 1.0),
+    ("N·m/°", 180 / math.pi), ("U/min", math.pi / 30), (" kg.m2 ", 1.0),
 ])
 def test_unit_spellings(write, unit, si):
     path = write(f'[a]\nb = {{ value = 2.0, unit = "{unit}", source = "s" }}\n')
