@@ -337,9 +337,11 @@ def _summary(finding: dict[str, Any]) -> list[str]:
         which = " alone" if lacking(finding, rival["effects"]) else (
             f" in place of {', '.join(rival['in_place_of'])}" if len(together) > 1 and rival.get("in_place_of") else "")
         lines.append(f"  {open_to} {', '.join(rival['effects'])}{which} ({rival['separation_sigma']:.1f} sigma)")
+    measure = "measure"
     if proposed := finding["next_manoeuvre"]:
         lines.append(f"  drive next: {driven(proposed)}: {proposed['why']}")
-    lines += [f"  or measure {row['effect']}: {row['how']}" for row in finding.get("directly", ())]
+        measure = "or measure"
+    lines += [f"  {measure} {row['effect']}: {row['how']}" for row in finding.get("directly", ())]
     if gain := finding["gain"]:
         lines += [f"  {row['signal']}: error {100 * row['nrmse_before']:.2f} % before, "
                   f"{100 * row['nrmse_after']:.2f} % after, of the range" for row in gain["held_out"]]

@@ -261,6 +261,7 @@ def test_causes_that_act_together_are_told_with_what_they_have_together():
     assert "drive next: ramp in gear 4: because" in "\n".join(cli._summary(FINDING))
     told = {**FINDING, "directly": [{"effect": "engine_inertia", "how": "a pendulum"}]}
     assert "  or measure engine_inertia: a pendulum" in cli._summary(told)
+    assert "  measure engine_inertia: a pendulum" in cli._summary({**told, "next_manoeuvre": None})
     again = {**FINDING, "next_manoeuvre": {**FINDING["next_manoeuvre"], "times": 3}}
     assert "drive next: ramp in gear 4, 3 times: because" in "\n".join(cli._summary(again))
 
