@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from cosim.diagnosis.plants import STEP
-from cosim.diagnosis.plants.car import led_by
+from cosim.diagnosis.plants.led import led_by
 
 FLOORS = {"engine_speed": 0.06, "turbine_speed": 0.06, "transmission_output_speed": 0.06, "wheel_speed": 0.012,
           "vehicle_speed": 0.005, "propeller_shaft_torque": 1.5, "seat_acceleration": 0.03,

@@ -39,7 +39,7 @@ from cosim.diagnosis.judge.verdict import (
     rivals_of,
 )
 from cosim.diagnosis.plants import FullOrderCar, InstrumentedPlant, RigidPlant, Run, plant_for, plausible
-from cosim.diagnosis.plants.car import PLACES
+from cosim.diagnosis.plants.led import PLACES
 from cosim.diagnosis.plants.observation import CHANNELS
 from cosim.diagnosis.search.identification import APART, Identification
 from cosim.diagnosis.search.identify import Search

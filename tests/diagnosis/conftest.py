@@ -5,7 +5,7 @@ import pytest
 
 from cosim.diagnosis.hidden import hide
 from cosim.diagnosis.plants import FullOrderCar
-from cosim.diagnosis.plants.car import LedPlant
+from cosim.diagnosis.plants.led import LedPlant
 from cosim.measured import load
 from driveline.plants.plant import Plant
 

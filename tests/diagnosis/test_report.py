@@ -16,7 +16,7 @@ from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.hidden import hide
 from cosim.diagnosis.judge.verdict import directly
 from cosim.diagnosis.plants import FullOrderCar, Nuisance
-from cosim.diagnosis.plants.car import PLACES
+from cosim.diagnosis.plants.led import PLACES
 from cosim.diagnosis.show.residuals import wrong
 from cosim.measured import load
 from cosim.report import svg

@@ -40,8 +40,8 @@ from cosim.diagnosis.judge.torques import (
     slopes_of,
 )
 from cosim.diagnosis.plants import Run
-from cosim.diagnosis.plants.car import PLACES
 from cosim.diagnosis.plants.hats import hats
+from cosim.diagnosis.plants.led import PLACES
 from cosim.diagnosis.search.identification import APART, separation
 
 _SIZES = np.geomspace(0.05, 30.0, 10)  # of the torque looked for, in units of the place's

@@ -18,7 +18,7 @@ from cosim.diagnosis.fit.fitting import Fit, Fitter, as_found
 from cosim.diagnosis.fit.noise import Noise
 from cosim.diagnosis.fit.predict import Coordinate, Predictor, coordinates
 from cosim.diagnosis.plants import SETTLE, STEP, FullOrderCar, Run
-from cosim.diagnosis.plants.car import led_by
+from cosim.diagnosis.plants.led import led_by
 from cosim.diagnosis.search.identification import APART, LACKING, Identification, signed, trusted
 from cosim.diagnosis.search.reach import around, instead_of, twins
 from driveline.elements.engine_torque import engine_friction
@@ -115,7 +115,7 @@ def propose(fitter: Fitter, found: Identification, rivals: Sequence[Fit],
     for kind, (gears, wanted, corners) in _PROFILES.items():
         torque = min(wanted, given)
         for gear in _drivable(predictor.car, gears, torque):
-            speed = _ENGINE_SPEED * predictor.car.rolling(gear)["engine_speed"]
+            speed = _ENGINE_SPEED * predictor.car.gearing.rolling(gear)["engine_speed"]
             run = _candidate(predictor.car, predictor.runs[0], kind, corners, gear, torque, speed)
             there = {back: driven.count((kind, gear, back)) for back in ways}
             counts = {count + fitted for count in there.values() for fitted in drives.values()}
@@ -253,7 +253,8 @@ def _drivable(car: FullOrderCar, gears: Iterable[int], torque: float) -> list[in
     v = car.values
     carried = _GRIP * v["tyre.friction_coefficient"] * v["vehicle.driven_load_fraction"] * v["vehicle.mass"] * GRAVITY
     highest = carried * v["tyre.radius"] / (torque * v["final_drive.ratio"])
-    return [gear for gear in (wanted or max(car.gears) for wanted in gears) if car.gears.get(gear, np.inf) <= highest]
+    ratios = car.gearing.ratios
+    return [gear for gear in (wanted or max(ratios) for wanted in gears) if ratios.get(gear, np.inf) <= highest]
 
 
 def _candidate(car: FullOrderCar, example: Run, kind: str, corners: Sequence[tuple[float, float]], gear: int,

@@ -20,8 +20,8 @@ from cosim.diagnosis.judge.finding import DELAY, FACTOR
 from cosim.diagnosis.judge.localise import Disturbance, Supposed, clearer
 from cosim.diagnosis.judge.torques import HEIGHTS, LASTING, Torque, posterior
 from cosim.diagnosis.plants import Run
-from cosim.diagnosis.plants.car import ANCHORS, PLACES
 from cosim.diagnosis.plants.hats import hats
+from cosim.diagnosis.plants.led import ANCHORS, PLACES
 from cosim.measured import CANONICAL
 
 _DELAYS = tuple(sign * float(delay) for delay in np.geomspace(0.01, 0.3, 9) for sign in (1.0, -1.0))  # s

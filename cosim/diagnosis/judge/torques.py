@@ -20,8 +20,8 @@ from cosim.diagnosis.fit.fitting import Fit
 from cosim.diagnosis.fit.predict import Predictor
 from cosim.diagnosis.judge.mounts import turned
 from cosim.diagnosis.plants import STEP
-from cosim.diagnosis.plants.car import PLACES
 from cosim.diagnosis.plants.hats import LONG_MEMORY, correlation, row
+from cosim.diagnosis.plants.led import PLACES
 
 SHAFT_TORQUE = "shaft torque"  # what the propeller shaft carries, beside the torque that is missing
 ENGINE_TORQUE = "engine torque"  # what housings bear before a shaft carries any: no shaft does while a lash is crossed
@@ -63,7 +63,7 @@ def quick_at(place: str) -> tuple[str, ...]:
 
 def housings(predictor: Predictor, signals: Sequence[Mapping[str, np.ndarray]]) -> list[np.ndarray]:
     """Of each run, by how much its housing may turn the gears as it rolls on its mounts: steps x suppositions."""
-    ratios = [predictor.car.gears[run.gear] for run in predictor.runs]
+    ratios = [predictor.car.gearing.ratios[run.gear] for run in predictor.runs]
     # it bears the engine's torque, and what the gears add to that
     borne = [own[ENGINE_TORQUE] + (ratio - 1.0) / ratio * own[SHAFT_TORQUE] for ratio, own in zip(ratios, signals)]
     return turned(borne, ratios, STEP)

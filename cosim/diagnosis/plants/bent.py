@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from cosim.diagnosis.plants.car import FullOrderCar, LedPlant
+from cosim.diagnosis.plants.car import FullOrderCar
+from cosim.diagnosis.plants.led import LedPlant
 from cosim.diagnosis.plants.run import Run
 from driveline.elements.curved_shaft import KNOTS, SIGNALS
 from driveline.plants.assembly import Assembly

@@ -68,7 +68,7 @@ def check(car: FullOrderCar, measurement: Measurement, runs: Sequence[Run]) -> N
 def _as_of_the_vehicle(car: FullOrderCar, run: Run) -> dict[str, float]:
     """What every speed makes the vehicle's, without slip, median over time [m/s]; none where it stands."""
     speeds = {name: factor * float(np.median(np.abs(run.measured[name])))
-              for name, factor in car.rolling(run.gear).items() if name in run.measured}
+              for name, factor in car.gearing.rolling(run.gear).items() if name in run.measured}
     return speeds if len(speeds) > 1 and min(speeds.values()) > 0.0 and max(speeds.values()) > _ROLLING else {}
 
 
@@ -77,13 +77,13 @@ def _check_gear(car: FullOrderCar, run: Run, speeds: Mapping[str, float]) -> Non
     sides = [[speeds[name] for name in side if name in speeds] for side in (_BEFORE_GEARS, _BEHIND)]
     if min(map(len, sides)) == 0 or max(map(len, sides)) < 2 or any(max(side) > _ALIKE * min(side) for side in sides):
         return
-    gears, behind = car.gears, float(np.median(sides[1]))
+    ratios, behind = car.gearing.ratios, float(np.median(sides[1]))
     off = speeds["turbine_speed"] / behind if "turbine_speed" in speeds else _off_by_engine(car, run, speeds, behind)
-    ratio = gears[run.gear] * off
-    nearest = car.gear_of(ratio * car.values["final_drive.ratio"])
-    if nearest != run.gear and apart(ratio / gears[run.gear]) > _ALIKE > apart(ratio / gears[nearest]):
+    ratio = ratios[run.gear] * off
+    nearest = car.gearing.nearest(ratio * car.values["final_drive.ratio"])
+    if nearest != run.gear and apart(ratio / ratios[run.gear]) > _ALIKE > apart(ratio / ratios[nearest]):
         raise InputError(f"{run.name}: the speeds before and behind the gears have a ratio of {ratio:.3g}, as in gear "
-                         f"{nearest}; gear {run.gear}, as the measurement says, has {gears[run.gear]:.3g}")
+                         f"{nearest}; gear {run.gear}, as the measurement says, has {ratios[run.gear]:.3g}")
 
 
 def _off_by_engine(car: FullOrderCar, run: Run, speeds: Mapping[str, float], behind: float) -> float:
@@ -93,7 +93,8 @@ def _off_by_engine(car: FullOrderCar, run: Run, speeds: Mapping[str, float], beh
     An engine that drives turns no slower than the turbine, and one that is driven no faster.
     """
     name = next(name for name in _BEHIND if name in speeds)
-    rolling, clock, torque = car.rolling(run.gear), run.clocks["engine_speed"], run.inputs[:, car.columns[car.driver]]
+    rolling, clock = car.gearing.rolling(run.gear), run.clocks["engine_speed"]
+    torque = run.inputs[:, car.columns[car.driver]]
     engine = rolling["engine_speed"] * run.measured["engine_speed"]
     off = engine / np.maximum(np.interp(clock, run.clocks[name], rolling[name] * run.measured[name]), 0.1 * behind)
     given = np.interp(clock, run.time, torque)
@@ -133,8 +134,8 @@ def _check_torques(car: FullOrderCar, runs: Sequence[Run], lively: Sequence[Run]
     if highest > _TORQUE * most:
         raise InputError(f"engine_torque is up to {highest:.3g} N.m, and the engine of the vehicle file gives at most "
                          f"{most:.3g}: is its unit right?")
-    carried = [float(np.ptp(run.measured["propeller_shaft_torque"])) / (car.gears[run.gear] * _swing(car, run))
-               for run in lively if "propeller_shaft_torque" in run.measured and run.gear in car.gears]
+    carried = [float(np.ptp(run.measured["propeller_shaft_torque"])) / (car.gearing.ratios[run.gear] * _swing(car, run))
+               for run in lively if "propeller_shaft_torque" in run.measured and run.gear in car.gearing.ratios]
     if carried and apart(share := float(np.median(carried))) > _CARRIED:
         raise InputError(f"propeller_shaft_torque changes by {share:.3g} times what the gears make of the engine's "
                          f"torque: is its unit right?{as_if('propeller_shaft_torque', share)}")

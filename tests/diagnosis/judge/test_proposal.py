@@ -222,7 +222,7 @@ def test_two_stages_are_told_from_soft_shafts_only_where_they_are_twisted_beyond
     behind = {}
     for gear in (3, 6, 10):
         run = proposal._candidate(car, runs[0], "tip_in", proposal._PROFILES["tip_in"][2], gear, 220.0,
-                                  150.0 * car.rolling(gear)["engine_speed"])
+                                  150.0 * car.gearing.rolling(gear)["engine_speed"])
         behind[gear] = proposal._unseen(fitter.predictor, noise, run, soft, wide)
     assert all(np.isinf(gone[:2]).all() for gone in behind.values())
     assert behind[3][2] > APART > behind[6][2] >= behind[10][2]
@@ -238,7 +238,7 @@ def test_no_more_is_proposed_than_the_engine_gives(healthy, monkeypatch):
     highest = []
     for torque in (0.8 * found.torque, found.torque, 2.0 * found.torque):
         run = proposal._candidate(car, example, "tip_in", ((0.0, -0.1), (0.5, 1.0)), 10, torque, found.speed)
-        raw = car.raw(car.values, replace(run, start_speed=150.0 * car.rolling(10)["engine_speed"]))
+        raw = car.raw(car.values, replace(run, start_speed=150.0 * car.gearing.rolling(10)["engine_speed"]))
         highest.append(raw["crankshaft_torque"].max())
     assert highest[0] < highest[1] - 10.0 and highest[2] == pytest.approx(highest[1], abs=1.0)
 
@@ -256,5 +256,6 @@ def test_the_torque_that_is_said_is_the_highest_there_is(healthy, monkeypatch, k
 def test_candidates_are_driven_in_gears_there_are_and_that_tyres_carry(healthy, grip, top, expected):
     car = healthy[0].predictor.car
     values = car.values | {"tyre.friction_coefficient": grip}
-    other = SimpleNamespace(values=values, gears={gear: x for gear, x in car.gears.items() if gear <= top})
+    ratios = {gear: x for gear, x in car.gearing.ratios.items() if gear <= top}
+    other = SimpleNamespace(values=values, gearing=SimpleNamespace(ratios=ratios))
     assert proposal._drivable(other, (2, 3, 5, proposal.TOP), 220.0) == expected

@@ -13,7 +13,7 @@ from cosim.diagnosis.fit.predict import Predictor, coordinates
 from cosim.diagnosis.judge.localise import Supposed
 from cosim.diagnosis.judge.sensors import WrongSensor, odd_one, wrong_sensors
 from cosim.diagnosis.plants import Nuisance
-from cosim.diagnosis.plants.car import PLACES
+from cosim.diagnosis.plants.led import PLACES
 
 _PLACES = ("engine", "axle", "vehicle")
 

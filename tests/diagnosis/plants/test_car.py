@@ -1,16 +1,16 @@
 """Simulations led along measured speeds."""
 
-import logging
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from drives import a_drive
 from floors import FLOORS
 from scipy.interpolate import CubicSpline
 
 from cosim.diagnosis.fit.noise import floors
 from cosim.diagnosis.plants import STEP, Bench, FullOrderCar, Nuisance
-from cosim.diagnosis.plants.car import led_by
+from cosim.diagnosis.plants.led import led_by
 from cosim.diagnosis.plants.observation import CHANNELS
 from cosim.measured import CANONICAL, Channel, Manoeuvre, Measurement
 from driveline.plants.full_order import FullOrderPlant
@@ -170,34 +170,6 @@ def test_a_led_driveline_forgets_a_torque(car_and_run):
         assert (change[-500:].max() < 0.3 * change.max()) == forgets
 
 
-def a_drive(car, gears, *, gear=None, wrong=1.0, **more):
-    """Of channels that say nothing but speeds in a row of gears, 7 s each, all wrong by a factor."""
-    time = np.arange(0.0, 7.0 * len(gears), 0.01)
-    ratio = np.array([car.gears[gears[int(t // 7.0)]] for t in time]) * car.values["final_drive.ratio"] * wrong
-    wheel = 60.0 + np.sin(time)
-    shown = {"engine_torque": 100.0 + 20.0 * np.sin(3.0 * time), "engine_speed": ratio * wheel,
-             "turbine_speed": ratio * wheel, "wheel_speed": wheel, **{name: of(time) for name, of in more.items()}}
-    channels = {name: Channel(name, CANONICAL[name].unit, time, values, name) for name, values in shown.items()}
-    return Measurement("m", car.vehicle, None, (Manoeuvre("drive", "drive", gear, channels),))
-
-
-def test_a_drive_without_a_gear_channel_is_cut_where_its_speeds_change_gear():
-    car = FullOrderCar("suv_6l80")
-    found, further, _ = car.stretches(a_drive(car, (4, 5, 4, 6)))
-    assert not further
-    assert [run.gear for run in found] == [4, 5, 4, 6]
-    for i, run in enumerate(found):
-        assert 7.0 * i <= run.start < run.time[-1] <= 7.0 * (i + 1)
-
-
-@pytest.mark.parametrize("wrong", [1.0, 1.05, 0.95])
-def test_stretches_are_in_the_gears_that_they_were_cut_by(wrong):
-    """With a ratio 5 % off in all, that of the tenth gear alone is nearer to the ninth's."""
-    car = FullOrderCar("pickup_10r80")
-    found = car.runs(a_drive(car, (6, 7, 8, 10), wrong=wrong))
-    assert [run.gear for run in found] == [6, 7, 8, 10]
-
-
 def test_what_stays_one_number_in_a_stretch_is_not_compared_there():
     """A coarse speed in a cruise: nothing says how finely it is read, so any error had counted as one of its noise."""
     car = FullOrderCar("suv_6l80")
@@ -206,13 +178,6 @@ def test_what_stays_one_number_in_a_stretch_is_not_compared_there():
     assert "vehicle_speed" not in first.clocks and "vehicle_speed" in second.clocks
     assert "vehicle_speed" in first.anchors
     assert floors([first, second])["vehicle_speed"] > 0.1
-
-
-def test_a_short_drive_is_compared_where_clutch_and_brake_let_it_be():
-    car = FullOrderCar("suv_6l80")
-    braked = a_drive(car, (4,), gear=4, brake_torque=lambda t: np.where(t > 4.0, 2000.0, 0.0))
-    [run] = car.runs(braked)
-    assert run.time[-1] < 4.0
 
 
 @pytest.mark.parametrize(("stop", "said"), [(1.99, "1.99"), (1.9999, "1.999"), (0.5, "0.5"), (-1.0, "0")])
@@ -241,40 +206,6 @@ def test_nobody_knows_what_drove_in_a_pause_of_the_logger(measurement, car_and_r
     for pause, known in ((10.0, True), (80000.0, False)):
         paused = {name: replace(c, time=c.time + pause * (c.time > 3.0)) for name, c in manoeuvre.channels.items()}
         assert (car.whole(replace(manoeuvre, channels=paused)) is not None) == known
-
-
-def test_where_the_speeds_have_no_gears_ratio_a_drive_is_not_compared():
-    car = FullOrderCar("suv_6l80")
-    between = 1.1 * car.gears[4] * car.values["final_drive.ratio"]
-    odd = a_drive(car, (4,), turbine_speed=lambda t: between * (60.0 + np.sin(t)))
-    with pytest.raises(InputError, match="3.9 times as fast as the wheels, in gear 12.4, 7.28, .*write gear = N"):
-        car.runs(odd)
-
-
-@pytest.mark.parametrize(("wrong", "slips"), [(1.0, 0.06), (1.05, 0.0), (0.94, 0.06)])
-def test_a_lash_that_is_crossed_or_a_radius_that_is_wrong_is_no_shift(wrong, slips):
-    """A tip-in may carry the ratio off its gear's for a moment, which is what is to be looked at."""
-    car = FullOrderCar("suv_6l80")
-    ratio = wrong * car.gears[4] * car.values["final_drive.ratio"]
-
-    def turns(t):
-        return ratio * (60.0 + np.sin(t)) * (1.0 + slips * (np.abs(t - 5.0) < 0.05))
-
-    [run] = car.runs(a_drive(car, (4, 4), engine_speed=turns, turbine_speed=turns))
-    assert (run.gear, run.start) == (4, 0.0) and run.time[-1] > 13.9
-
-
-def test_a_gear_that_the_speeds_say_is_told_once(caplog):
-    """Also where clocks are asked, for which the recording is made ready once more."""
-    caplog.set_level(logging.INFO, "cosim")
-    car = FullOrderCar("suv_6l80")
-    measured = a_drive(car, (4,))
-    tip_in = replace(measured, manoeuvres=(replace(measured.manoeuvres[0], name="a", kind="tip_in"),))
-    [run] = car.runs(tip_in)
-    assert car.whole(tip_in.manoeuvres[0]).gear == run.gear == 4
-    assert caplog.text.count("a: the speeds say gear 4") == 1
-    car.runs(a_drive(car, (4,), gear=4))
-    assert caplog.text.count("the speeds say gear") == 1
 
 
 def test_a_dead_speed_neither_leads_the_plant_nor_tells_its_gear():

@@ -6,7 +6,7 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfiltfilt
 
 from cosim.diagnosis.plants import STEP, FullOrderCar, Nuisance
-from cosim.diagnosis.plants.car import ANCHORS
+from cosim.diagnosis.plants.led import ANCHORS
 from cosim.diagnosis.plants.observation import Errors
 from cosim.diagnosis.plants.ripple import beyond_samples, swing
 from cosim.diagnosis.plants.run import Run
