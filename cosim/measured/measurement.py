@@ -404,6 +404,19 @@ def _times(entry: Mapping[str, Any], clock: Mapping[str, Any], column: Column, t
 def _in_order(times: np.ndarray, values: np.ndarray, table: DataTable, label: str,
               notices: list[str]) -> tuple[np.ndarray, np.ndarray]:
     """Samples that exist, in increasing time; small faults are repaired and noted."""
+    present = _present(times, values, label, notices)
+    if not present.any():
+        raise InputError(f"{table.path}: column '{label}' holds no values")
+    rows = np.flatnonzero(present)
+    times, values = _sorted(times[present], values[present], rows, table, label, notices)
+    if times.size > 1 and times[0] == times[-1]:
+        raise InputError(f"{table.path}: the time of column '{label}' reads {times[0]:.15g} s in all its rows: "
+                         "is it the right clock?")
+    return _apart(times, values, label, notices)
+
+
+def _present(times: np.ndarray, values: np.ndarray, label: str, notices: list[str]) -> np.ndarray:
+    """Which samples have a time and a value."""
     untimed = ~np.isfinite(times)
     lost = untimed & np.isfinite(values)  # where both are blank a slower clock has no row, or the file none
     if lost.any():
@@ -415,11 +428,16 @@ def _in_order(times: np.ndarray, values: np.ndarray, table: DataTable, label: st
     if large.any():
         notices.append(f"column '{label}': {int(large.sum())} values larger than anything measured were left out, up "
                        f"to {np.abs(values[large]).max():.3g}")
-    present = np.isfinite(values) & ~large & ~untimed
-    if not present.any():
-        raise InputError(f"{table.path}: column '{label}' holds no values")
-    rows = np.flatnonzero(present)
-    times, values = times[present], values[present]
+    return np.isfinite(values) & ~large & ~untimed
+
+
+def _sorted(times: np.ndarray, values: np.ndarray, rows: np.ndarray, table: DataTable, label: str,
+            notices: list[str]) -> tuple[np.ndarray, np.ndarray]:
+    """Samples in the order of their times; a clock that started again or was set is refused.
+
+    Args:
+        rows: Of each sample: its row in the table, for messages.
+    """
     step = np.diff(times)
     if (step < 0.0).any():
         restarted = np.flatnonzero((step < -_CLOCK_RESTARTED) | _many_late(times))
@@ -439,14 +457,36 @@ def _in_order(times: np.ndarray, values: np.ndarray, table: DataTable, label: st
         at = int(set_on[0])
         raise InputError(f"{table.path}: the time of column '{label}' jumps on by {step[at]:.6g} s at data row "
                          f"{rows[at + 1] + 1}: was its clock set there, or is it not in the unit it is read in?")
-    again = np.diff(times, prepend=-np.inf) == 0.0
-    if again.any():
-        notices.append(f"column '{label}': {int(again.sum())} repeated instants, the first value was kept")
-        if again.sum() == times.size - 1:
-            raise InputError(f"{table.path}: the time of column '{label}' reads {times[0]:.15g} s in all its rows: "
-                             "is it the right clock?")
-        times, values = times[~again], values[~again]
     return times, values
+
+
+def _apart(times: np.ndarray, values: np.ndarray, label: str, notices: list[str]) -> tuple[np.ndarray, np.ndarray]:
+    """Samples at instants of their own: rows that are there twice once, and those of a clock that is read coarser than
+    they are sampled spread evenly about what it read.
+
+    About it: a clock that is rounded is right on average, and one that is cut off early by half a step, in all channels
+    of its file alike, also in those that are slower than its steps. The first of a step alone would be late beside
+    these, by nearly half of it.
+    """
+    again = np.diff(times, prepend=-np.inf) == 0.0
+    if not again.any():
+        return times, values
+    read, first, count = np.unique(times, return_index=True, return_counts=True)
+    twice = (values == np.repeat(values[first], count)).all()
+    distance = np.diff(read)
+    step = float(np.quantile(distance, 0.05))
+    # a few are no habit of a clock, and an even one has no such short steps
+    if twice or again.sum() < _MANY or step < 0.5 * np.median(distance):
+        notices.append(f"column '{label}': {int(again.sum())} repeated instants, the first value was kept")
+        return times[~again], values[~again]
+    notices.append(f"column '{label}': {int(again.sum())} of {times.size} samples have the time of another, as of a "
+                   f"clock that is read every {step:.2g} s: spread evenly about it")
+    share = np.minimum(step, np.minimum(np.append(distance, np.inf), np.append(np.inf, distance)))
+    samples, place = count.copy(), np.arange(times.size) - np.repeat(first, count)
+    # a recording may begin and end within a step: the first one's samples are its last, at the distance of the next's
+    samples[0], samples[-1] = max(count[:2]), max(count[-2:])
+    place += np.repeat(np.append(samples[0] - count[0], np.zeros_like(count[1:])), count)
+    return times + np.repeat(share, count) * ((place + 0.5) / np.repeat(samples, count) - 0.5), values
 
 
 def _out_of_order(times: np.ndarray, at: int) -> int | None:

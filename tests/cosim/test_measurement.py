@@ -242,6 +242,31 @@ def test_small_faults_of_the_clock_are_repaired_and_said(tmp_path, caplog):
     assert "repeated instants" in caplog.text
 
 
+@pytest.mark.parametrize("distance", [0.001, 0.0031, 0.0033, 0.007])
+@pytest.mark.parametrize("read", [np.round, np.floor])
+def test_samples_that_share_a_coarse_reading_of_the_clock_are_spread_evenly_about_it(tmp_path, distance, read):
+    """Of a torque every 3.3 ms under stamps of 10 ms the first of three was kept, 3 ms late beside slower channels."""
+    true = 1.2342 + np.arange(0.0, 5.0, distance)
+    rows = "".join(f"{t:.2f},{v:.9f}\n" for t, v in zip(read(true * 100.0) / 100.0, true))
+    (tmp_path / "a.csv").write_text("time,force\n" + rows)
+    manoeuvre = load(tmp_path / "a.csv").manoeuvres[0]
+    late = manoeuvre["force"].time - manoeuvre["force"].values
+    assert late.size == true.size and (np.diff(manoeuvre["force"].time) > 0.0).all()
+    assert np.mean(late) == pytest.approx(0.0 if read is np.round else -0.005, abs=0.6 * distance)  # of slow ones too
+    assert np.abs(late - np.mean(late)).max() < distance
+    assert "spread evenly" in manoeuvre.notices[0] and "every 0.01 s" in manoeuvre.notices[0]
+
+
+def test_rows_that_are_there_twice_count_once_and_repeats_of_an_uneven_clock_keep_the_first(tmp_path):
+    twice = [(t, v) for t in range(40) for v in [t] * (1 + t % 2)]
+    uneven = [(t**2, v) for t in range(40) for v in [t, -1][:1 + t % 2]]
+    for rows in (twice, uneven):
+        (tmp_path / "a.csv").write_text("time,force\n" + "".join(f"{t},{v}\n" for t, v in rows))
+        manoeuvre = load(tmp_path / "a.csv").manoeuvres[0]
+        assert manoeuvre["force"].values.tolist() == list(range(40))
+        assert manoeuvre.notices == ("a.csv: column 'force': 20 repeated instants, the first value was kept",)
+
+
 @pytest.mark.parametrize("zero", [0.0, 180.0])
 def test_an_angle_that_starts_again_after_every_turn_is_unwound(tmp_path, caplog, zero):
     time = np.arange(0.0, 6.0, 0.01)
