@@ -1,7 +1,8 @@
 """What an engineer reads off a recording: shuffle, dead time, lag, overshoot, drift, loop area, orders, ratios.
 
 Each feature is one number of one channel of one run, read off measured and simulated signals in the same
-way and at the same places; it is absent where a recording does not show it.
+way and at the same places; it is absent where a recording does not show it. Where samples are lost nobody knows what
+a channel did: it is read beside such a gap, or not at all.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.ndimage import correlate1d
+from scipy.ndimage import correlate1d, maximum_filter1d
 from scipy.signal import savgol_coeffs, savgol_filter
 
 from cosim.diagnosis.plants import Run
@@ -27,6 +28,9 @@ _SHUFFLE = np.arange(1.5, 14.0, 0.15)  # Hz
 _DECAY = np.geomspace(0.3, 16.0, 13)  # 1/s
 _EDGE = round(0.05 * _RATE)  # samples of the grid at its ends, of which no change can be taken
 _LAGS = np.arange(-32, 33)  # samples of the grid
+_LOST = 2.5  # distances of samples: more than two are lost; and longer than over what a change is taken
+_FEWEST = round(0.5 * _RATE)  # samples of the grid outside gaps that anything is read off
+_BEFORE = 0.2  # s before shuffle is alone, in which an overshoot may be
 _STEEP = 10.0  # times: more is no factor of a torque meter, either way
 _SWINGS = 0.1  # share of the largest torque: by less, and a factor of it is that of noise and of what else swings
 _RINGING = ("propeller_shaft_torque", "inline_torque", "engine_speed", "turbine_speed", "motor_speed",
@@ -119,6 +123,23 @@ class Reader:
         return np.interp(self.grid, self.run.time, self.run.inputs[:, 0])
 
     @cached_property
+    def _gaps(self) -> dict[str, np.ndarray]:
+        """Of every channel, where on the grid it is a straight line through lost samples."""
+        found = {}
+        for name, clock in self.run.clocks.items():
+            distance = np.diff(clock)
+            lost = distance > max(_SMOOTH, _LOST * float(np.median(distance)))
+            within = np.clip(np.searchsorted(clock, self.grid) - 1, 0, lost.size - 1)
+            found[name] = lost[within] & (self.grid > clock[within])
+        return found
+
+    @cached_property
+    def _clear(self) -> dict[str, np.ndarray]:
+        """Of every channel, where on the grid nothing that is compared with it there is within a gap."""
+        reach = 2 * (_EDGE - _LAGS[0]) + 1
+        return {name: ~maximum_filter1d(gap, reach) for name, gap in self._gaps.items()}
+
+    @cached_property
     def ringing(self) -> tuple[int, int] | None:
         """The stretch of the grid after the quickest change of the drive, until the next: shuffle alone."""
         ten = round(0.1 * _RATE)
@@ -154,15 +175,20 @@ class Reader:
             np.exp(-d * t) * np.sin(2.0 * np.pi * f * t)]))[0].T for f, d in itertools.product(_SHUFFLE, _DECAY)])
 
     @cached_property
-    def _shifted(self) -> dict[str, tuple[np.ndarray, slice]]:
+    def _shifted(self) -> dict[str, np.ndarray]:
         """Changes of every channel of the reference, shifted by every lag (lags, samples)."""
-        inner = slice(-_LAGS[0], self.grid.size - _LAGS[-1])
         found = {}
         for name, values in self.even(self.reference).items():
-            changes = _changes(values)
+            changes, inner = _changes(values), self._inner(name)
             rows = np.array([np.roll(changes, lag)[inner] for lag in _LAGS])
             found[name] = rows - rows.mean(axis=1, keepdims=True)
         return found
+
+    def _inner(self, name: str) -> np.ndarray:
+        """Where on the grid a channel can be compared with the reference at any lag."""
+        inner = self._clear[name].copy()
+        inner[:-_LAGS[0]] = inner[self.grid.size - _LAGS[-1]:] = False
+        return inner
 
     def even(self, stacked: np.ndarray) -> dict[str, np.ndarray]:
         """Channels on the grid."""
@@ -174,34 +200,42 @@ class Reader:
         channels, reference = self.even(stacked), self.even(self.reference)
         found: dict[Key, float | None] = {}
         for name, values in channels.items():
-            if name in _RINGING:
+            clear = self._clear[name]
+            if np.sum(clear) < _FEWEST:
+                continue
+            if name in _RINGING and not self._lost(name, 0.0):
                 found[(name, "shuffle frequency")], found[(name, "shuffle damping")] = self._shuffle(values)
             lag, found[(name, "amplitude")], _ = self._shift(name, values)
             found[(name, "lag")] = lag
             if name in _TORQUES:
-                found[(name, "gain")], found[(name, "zero offset")] = self._line(reference[name], values, lag or 0.0)
+                found[(name, "gain")], found[(name, "zero offset")] = self._line(
+                    reference[name], values, lag or 0.0, clear)
             elif not name.endswith("speed"):  # where a speed starts is fitted, so that its level says nothing
-                found[(name, "level")] = float(np.mean(values))
-            error = values - reference[name]
-            error -= error.mean() + _slope(self.grid, error) * (self.grid - self.grid.mean())
+                found[(name, "level")] = float(np.mean(values[clear]))
+            error, time = (values - reference[name])[clear], self.grid[clear]
+            error -= error.mean() + _slope(time, error) * (time - time.mean())
             found[(name, "waveform")] = float(np.sqrt(np.mean(error**2))) or None
         for name in _TORQUES:
             if name in channels:
-                found[(name, "reversal dead time")] = self._dead_time(channels[name], reference[name])
-                found[(name, "overshoot")] = self._overshoot(channels[name])
-                found[(name, "loop area")] = loop_area(self.drive, channels[name]) if self._returns else None
+                found[(name, "reversal dead time")] = self._dead_time(channels[name], reference[name], self._gaps[name])
+                found[(name, "overshoot")] = None if self._lost(name, _BEFORE) else self._overshoot(channels[name])
+                if self._returns and not self._gaps[name].any():
+                    found[(name, "loop area")] = loop_area(self.drive, channels[name])
         # what moves all of them in time, a torque that wanders, does not move one against the others
-        lags = {name: lag for name in channels if name in _RINGING and (lag := found[(name, "lag")]) is not None}
+        lags = {name: lag for name in channels
+                if name in _RINGING and (lag := found.get((name, "lag"))) is not None}
         for name in channels:
             others = [lag for other, lag in lags.items() if other != name]
-            if len(others) > 1 and found[(name, "lag")] is not None:
-                found[(name, "lag behind the others")] = found[(name, "lag")] - float(np.median(others))
+            if len(others) > 1 and (lag := found.get((name, "lag"))) is not None:
+                found[(name, "lag behind the others")] = lag - float(np.median(others))
         gains = next((name for name in _SPEEDS if name in channels), None)
-        if gains is not None:  # that of all others is this one times a ratio
-            found[(gains, "drift")] = _slope(self.grid, channels[gains])
+        if gains is not None and np.sum(clear := self._clear[gains]) >= _FEWEST:
+            # that of all others is this one times a ratio
+            found[(gains, "drift")] = _slope(self.grid[clear], channels[gains][clear])
         for over, under in _RATIOS:
-            if over in channels and under in channels:
-                found[(f"{over} over {under}", "speed ratio")] = _ratio(channels[over], channels[under])
+            if over in channels and under in channels and np.sum(
+                    clear := self._clear[over] & self._clear[under]) >= _FEWEST:
+                found[(f"{over} over {under}", "speed ratio")] = _ratio(channels[over], channels[under], clear)
         found |= self._orders(stacked)
         return {key: value for key, value in found.items() if value is not None and np.isfinite(value)}
 
@@ -210,12 +244,19 @@ class Reader:
         and scale (mean squares)."""
         values = self.even(stacked)[name]
         rows = self._shifted[name]
-        changes = self._centred(values)
+        changes = self._centred(name, values)
         return float(np.mean((changes - rows[-_LAGS[0]]) ** 2)), self._shift(name, values)[2]
 
-    def _centred(self, values: np.ndarray) -> np.ndarray:
-        changes = _changes(values)[-_LAGS[0]:self.grid.size - _LAGS[-1]]
+    def _centred(self, name: str, values: np.ndarray) -> np.ndarray:
+        changes = _changes(values)[self._inner(name)]
         return changes - changes.mean()
+
+    def _lost(self, name: str, before: float) -> bool:
+        """Whether samples of a channel are lost where shuffle is read, or until so long before [s]."""
+        if self.ringing is None:
+            return False
+        begin, end = self.ringing
+        return bool(self._gaps[name][max(0, begin - round(before * _RATE)):end].any())
 
     def _shift(self, name: str, values: np.ndarray) -> tuple[float | None, float | None, float]:
         """How much later [s] and larger than the reference the channel's changes are; what is left.
@@ -223,7 +264,7 @@ class Reader:
         Neither where they would have to be moved further than is looked at, or are more nearly the reference's turned
         round, which half a period of shuffle later looks alike: then something else makes them differ.
         """
-        rows, changes = self._shifted[name], self._centred(values)
+        rows, changes = self._shifted[name], self._centred(name, values)
         power = np.sum(rows**2, axis=1)
         if not np.all(power > 0.0):
             return None, None, float(np.mean(changes**2))
@@ -237,7 +278,8 @@ class Reader:
             return None, None, left
         return lag, scale if scale > 0.0 else None, left
 
-    def _line(self, x: np.ndarray, y: np.ndarray, lag: float) -> tuple[float | None, float | None]:
+    def _line(self, x: np.ndarray, y: np.ndarray, lag: float,
+              clear: np.ndarray) -> tuple[float | None, float | None]:
         """Factor and offset from x to y, which is as much later [s]; that it is some more or less does not change them.
 
         Neither where x hardly changes, at all or beside y, or y beside x: at a torque of 0 the line would be far from
@@ -247,8 +289,8 @@ class Reader:
             return None, None
         late = np.interp(self.grid - lag, self.grid, x)
         inner = _EDGE + int(np.ceil(abs(lag) * _RATE))  # samples at the ends that another would be needed for
-        design = np.column_stack([late, np.ones(late.size), _changes(late)])[inner:-inner]
-        factor, offset, _ = np.linalg.lstsq(design, y[inner:-inner], rcond=None)[0]
+        design = np.column_stack([late, np.ones(late.size), _changes(late)])[inner:-inner][clear[inner:-inner]]
+        factor, offset, _ = np.linalg.lstsq(design, y[inner:-inner][clear[inner:-inner]], rcond=None)[0]
         return (float(factor), float(offset)) if 1.0 / _STEEP < abs(factor) < _STEEP else (None, None)
 
     def _shuffle(self, values: np.ndarray) -> tuple[float | None, float | None]:
@@ -265,10 +307,12 @@ class Reader:
         decay = float(np.exp(_vertex(np.log(_DECAY), explained[i], j)))
         return frequency, decay / float(np.hypot(decay, 2.0 * np.pi * frequency))
 
-    def _dead_time(self, torque: np.ndarray, reference: np.ndarray) -> float | None:
-        """How long the torque stays near zero in reversals [s], all together."""
+    def _dead_time(self, torque: np.ndarray, reference: np.ndarray, gap: np.ndarray) -> float | None:
+        """How long the torque stays near zero in reversals [s], all together; None where samples are lost in one."""
         band = 0.05 * float(np.ptp(reference))
         if reference.min() > -band or reference.max() < band:
+            return None
+        if gap.any() and any((np.abs(lost) < band).any() or np.ptp(np.sign(lost)) for lost in _pieces(torque, gap)):
             return None
         fine = np.interp(np.arange(0.0, torque.size - 1, 0.1), np.arange(torque.size), torque)
         return float(np.sum(np.abs(fine) < band)) / (10.0 * _RATE)
@@ -279,7 +323,7 @@ class Reader:
             return None
         begin, end = self.ringing
         settled = float(np.mean(torque[(begin + end) // 2:end]))
-        around = torque[max(0, begin - round(0.2 * _RATE)):end]
+        around = torque[max(0, begin - round(_BEFORE * _RATE)):end]
         return float(np.max(around) if settled > 0.0 else -np.min(around)) - abs(settled)
 
     @cached_property
@@ -295,7 +339,8 @@ class Reader:
                    for name in ("propeller_shaft_torque", "engine_speed")]
         found: dict[Key, float] = {}
         for name, feature, speed, order in wanted:
-            if name in self.run.clocks and speed in self.run.clocks:
+            if name in self.run.clocks and speed in self.run.clocks and not (
+                    self._gaps[name].any() or self._gaps[speed].any()):
                 content = order_content(self.run.clocks[name], stacked[self.run.slices[name]],
                                         self.run.clocks[speed], self.run.measured[speed], order)
                 if content is not None:
@@ -338,11 +383,18 @@ def loop_area(x: np.ndarray, y: np.ndarray) -> float:
     return float(np.abs(np.sum(0.5 * (y + np.roll(y, -1)) * (np.roll(x, -1) - x))))
 
 
-def _ratio(over: np.ndarray, under: np.ndarray) -> float:
+def _ratio(over: np.ndarray, under: np.ndarray, clear: np.ndarray) -> float:
     """Ratio of two speeds; that one is late while the vehicle gains speed does not change it."""
-    inner = slice(_EDGE, -_EDGE)
+    inner = clear.copy()
+    inner[:_EDGE] = inner[-_EDGE:] = False
     design = np.column_stack([under, _changes(under)])[inner]
     return float(np.linalg.lstsq(design, over[inner], rcond=None)[0][0])
+
+
+def _pieces(values: np.ndarray, within: np.ndarray) -> list[np.ndarray]:
+    """What values are in each stretch that is ``within``, with the one before and the one after it."""
+    edges = np.flatnonzero(np.diff(within.astype(int), prepend=0, append=0))
+    return [values[max(begin - 1, 0):end + 1] for begin, end in edges.reshape(-1, 2)]
 
 
 def _slope(x: np.ndarray, y: np.ndarray) -> float:

@@ -1,5 +1,7 @@
 """Features read off signals whose answer is known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -281,3 +283,51 @@ def test_words_tell_side_and_size():
         "waveform off by 12 N.m rms, 4.0 times what tolerance and noise explain")
     assert unit_of("wheel_speed", "drift") == "rad/s/s"
     assert unit_of("engine_speed over turbine_speed", "speed ratio") == "1"
+
+
+def holed(run, begin, end):
+    """The same run, with the samples of a span lost in all channels."""
+    clocks = {name: clock[(clock < begin) | (clock > end)] for name, clock in run.clocks.items()}
+    return replace(run, clocks=clocks, measured={
+        name: run.measured[name][np.isin(run.clocks[name], clock)] for name, clock in clocks.items()})
+
+
+@pytest.mark.parametrize("gap", [(0.9, 1.15), (1.1, 1.35), (1.0, 1.5), (1.2, 1.5), (4.0, 4.3)])
+def test_what_a_gap_hides_is_not_read_off_the_straight_line_through_it(gap):
+    """Shuffle damped by 0.049 was read as 0.010, a dead time of 51 ms as 30, an overshoot of 46 N.m as 27."""
+    late = 0.03
+
+    def made(shift, gain, offset):
+        return recorded(step, propeller_shaft_torque=lambda t: gain * smooth(6.0)(t - shift) + offset,
+                        wheel_speed=lambda t: 30.0 + gain * (t - shift + 0.1 * np.sin(3.0 * t)))
+
+    run, reference = made(late, 1.1, 5.0), made(0.0, 1.0, 0.0)
+    whole, found = read(run, reference), read(holed(run, *gap), holed(reference, *gap))
+    for key, value in found.items():
+        if key[1] not in ("waveform", "drift"):  # which say how large errors and slopes are where they are read
+            # what is near zero is so beside the largest torque, which a gap may hide
+            assert value == pytest.approx(whole[key], rel=5e-3, abs=4e-3 if "dead" in key[1] else 1e-3), key
+    shows = {name for signal, name in found if signal == "propeller_shaft_torque"}
+    shuffle, reversal = {"shuffle frequency", "shuffle damping"}, {"reversal dead time"}
+    assert shuffle | reversal | {"overshoot"} <= {name for signal, name in whole if signal == "propeller_shaft_torque"}
+    assert shuffle & shows == (shuffle if gap in ((0.9, 1.15), (4.0, 4.3)) else set())
+    assert reversal & shows == (reversal if gap[0] > 0.95 else set())
+    assert ("overshoot" in shows) == (gap == (4.0, 4.3))
+
+
+def test_a_gap_in_one_channel_leaves_the_others_as_they_were():
+    run = recorded(step, propeller_shaft_torque=smooth(6.0), engine_speed=smooth(5.0), turbine_speed=smooth(5.0))
+    clock = run.clocks["propeller_shaft_torque"]
+    kept = (clock < 1.2) | (clock > 1.6)
+    lost = replace(run, clocks=run.clocks | {"propeller_shaft_torque": clock[kept]}, measured=run.measured | {
+        "propeller_shaft_torque": run.measured["propeller_shaft_torque"][kept]})
+    whole, found = read(run), read(lost)
+    for (name, feature), value in found.items():
+        if name != "propeller_shaft_torque" and feature != "lag behind the others":
+            assert value == pytest.approx(whole[(name, feature)]), (name, feature)
+
+
+def test_a_channel_that_is_hardly_there_says_nothing():
+    run = recorded(step, propeller_shaft_torque=smooth(6.0), wheel_speed=smooth(2.0))
+    found = read(holed(run, 0.7, 6.7), holed(run, 0.7, 6.7))
+    assert not found
