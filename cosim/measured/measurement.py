@@ -481,6 +481,8 @@ def _apart(times: np.ndarray, values: np.ndarray, label: str, notices: list[str]
         return times[~again], values[~again]
     notices.append(f"column '{label}': {int(again.sum())} of {times.size} samples have the time of another, as of a "
                    f"clock that is read every {step:.2g} s: spread evenly about it")
+    notices.append(f"its clock is read every {step:.2g} s: of a channel that is not sampled more often, what is late "
+                   "or early by less than half of that may be the clock's")
     share = np.minimum(step, np.minimum(np.append(distance, np.inf), np.append(np.inf, distance)))
     samples, place = count.copy(), np.arange(times.size) - np.repeat(first, count)
     # a recording may begin and end within a step: the first one's samples are its last, at the distance of the next's
