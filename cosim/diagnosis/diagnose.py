@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 from cosim.diagnosis.benches.bench import diagnose_bench
 from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.fit.fitting import Fit, as_found
-from cosim.diagnosis.fit.noise import Noise
+from cosim.diagnosis.fit.noise import WANDER, Noise
 from cosim.diagnosis.fit.predict import ZERO, Coordinate, Predictor, coordinates, zero_of
 from cosim.diagnosis.gain import extend
 from cosim.diagnosis.gain.profit import profit
@@ -51,6 +51,7 @@ from cosim.workers import cores
 log = logging.getLogger("cosim")
 _TOLD = 1.0  # N.m.s: impulse that may be lost where frames are, from which on that is said
 _NOT_LEVEL = 2.0  # times what accelerometers show at rest, from which on that is said
+_WANDERS = 5.0  # times its wander: by less the engine's torque changes where nobody drives with it
 _COMPARED = 4  # rivals that a proposed manoeuvre has to tell from the best
 _DRAWS = 30  # healthy cars
 _FAR_MORE = 2.0  # times what a torque explains that is missing in a healthy car (a judgement)
@@ -190,6 +191,7 @@ def _notices(measurement: Measurement, car: InstrumentedPlant, runs: list[Run], 
         "vehicle_speed": "without a vehicle speed tyre slip and rolling radius cannot be told"}
     if isinstance(car, FullOrderCar):
         notices += [text for name, text in blind.items() if name not in present]
+        notices += _excitation(car, runs)
         notices += [f"{manoeuvre.name}: {', '.join(held)} held between samples; only those that were measured count"
                     for manoeuvre in measurement.manoeuvres
                     if (held := [name for name, channel in car.updated(manoeuvre).channels.items()
@@ -211,6 +213,17 @@ def _notices(measurement: Measurement, car: InstrumentedPlant, runs: list[Run], 
     if len(runs) == 1:
         notices.append("one recording: nothing can be predicted that was not fitted, so every cause is less sure")
     return notices
+
+
+def _excitation(car: FullOrderCar, runs: Sequence[Run]) -> list[str]:
+    """What recordings cannot show in none of which the driver does anything."""
+    swing = max(float(np.ptp(run.inputs[:, car.columns[car.driver]])) for run in runs)
+    if swing > _WANDERS * WANDER:
+        return []
+    does = f"changes by no more than {swing:.2g} N.m in any recording" if swing > 0.0 else (
+        "does not change in any recording (if the car was driven otherwise, its signal hangs)")
+    return [f"{car.driver} {does}: nothing excites the driveline, so of lash, stiffness, damping, inertias and delays "
+            "hardly anything can be told"]
 
 
 def _zeros(declared: Sequence[Coordinate], fit: Fit) -> list[str]:

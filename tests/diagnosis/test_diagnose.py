@@ -48,6 +48,17 @@ def test_of_what_is_driven_again_as_many_are_fitted_as_was_promised(recordings):
         assert {r.name for r in used} <= {r.name for r in again}
 
 
+def test_where_the_torque_does_not_change_it_is_told_that_nothing_excites():
+    """Two recordings with 50 N.m throughout, of a signal that hung, were "unknown" without a word of it."""
+    car = FullOrderCar("pickup_10r80")
+    assert car.columns[car.driver] == 0
+    still, cruise, tip_in = (recorded("x", "", torques) for torques in ([50.0] * 3, [50.0, 52.0, 48.0], [0.0, 90.0]))
+    told = [diagnose._excitation(car, runs) for runs in ([still, still], [still, cruise], [still, tip_in])]
+    assert "does not change in any recording" in told[0][0] and "its signal hangs" in told[0][0]
+    assert "changes by no more than 4 N.m" in told[1][0] and all("nothing excites" in text[0] for text in told[:2])
+    assert not told[2]
+
+
 def test_what_an_accelerometer_shows_at_rest_is_told_where_it_is_much():
     """As of one that stands upright."""
     zeros = [SimpleNamespace(name=f"{channel}_acceleration.zero") for channel in ("seat", "differential")]
