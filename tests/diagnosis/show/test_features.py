@@ -331,3 +331,27 @@ def test_a_channel_that_is_hardly_there_says_nothing():
     run = recorded(step, propeller_shaft_torque=smooth(6.0), wheel_speed=smooth(2.0))
     found = read(holed(run, 0.7, 6.7), holed(run, 0.7, 6.7))
     assert not found
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_an_overshoot_is_as_large_driven_as_in_overrun(sign):
+    """What a torque is larger by than what it settles at, whichever way."""
+    base = ringing(5.0, 0.06)
+    found = read(recorded(lambda time: sign * step(time), propeller_shaft_torque=lambda time: sign * base(time)))
+    time = np.arange(1.0, 3.0, 0.001)
+    assert found[("propeller_shaft_torque", "overshoot")] == pytest.approx(base(time).max() - 300.0, abs=6.0)
+
+
+def test_a_drive_that_does_not_come_back_runs_through_no_loop():
+    """Neither where it is noisy before or after, nor where it comes back by little of what it is."""
+    random = np.random.default_rng(5)
+
+    def noisy(drive):
+        return lambda time: drive(time) + random.standard_normal(time.size)
+
+    for drive in (step, lambda time: -step(time), lambda time: 200.0 + 20.0 * np.sin(time)):
+        found = read(recorded(noisy(drive), propeller_shaft_torque=lambda time: 2.0 * step(time) + np.sin(9.0 * time)))
+        assert ("propeller_shaft_torque", "loop area") not in found
+    found = read(recorded(noisy(lambda time: 90.0 + 110.0 * np.sin(time)),
+                          propeller_shaft_torque=lambda time: 180.0 + 220.0 * np.sin(time - 0.1)))
+    assert found[("propeller_shaft_torque", "loop area")] == pytest.approx(np.pi * 110.0 * 220.0 * np.sin(0.1), rel=0.2)
