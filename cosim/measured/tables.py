@@ -249,10 +249,16 @@ def _read_mdf(path: Path) -> DataTable:
                    "give each its own name")
             raise InputError(f"{path}: channel '{name}' is there {len(where)} times, in channel group "
                              f"{_listed(there)}: {out}")
+        (group, place), = where
+        conversion = file.groups[group].channels[place].conversion
+        computed = bool(getattr(conversion, "formula", "")) or hasattr(conversion, "P1")
         try:
             with _hushed():
-                signal = file.get(name, *where[0], raw=False)
-            values = np.asarray(signal.samples, dtype=np.float64)
+                signal = file.get(name, group, place, raw=computed)
+                found = _computed(conversion, signal.samples) if computed else signal.samples
+            values = np.asarray(found, dtype=np.float64)
+        except InputError as error:
+            raise InputError(f"{path}, channel '{name}': {error}") from error
         except (ValueError, TypeError) as error:
             raise InputError(f"{path}, channel '{name}': its values are not numbers") from error
         except Exception as error:  # of many kinds for a damaged file
@@ -263,6 +269,24 @@ def _read_mdf(path: Path) -> DataTable:
     table = DataTable(path, sorted(file.channels_db), read, groups)
     weakref.finalize(table, file.close)  # left to itself asammdf does so at an end of its own, and not on every system
     return table
+
+
+def _computed(conversion: Any, samples: np.ndarray) -> np.ndarray:
+    """What a formula or a rational function of an MDF file makes of samples as they were logged.
+
+    Left to itself asammdf computes with integers in 32 bits, which overflow, and passes them on as they are where it
+    cannot compute the formula.
+
+    Raises:
+        InputError: It cannot be computed.
+    """
+    # what picks bits from them needs them whole; but many write ^ for a power
+    whole = np.issubdtype(samples.dtype, np.integer) and "^" not in conversion.formula
+    for numbers in (samples.astype(np.float64), *([samples.astype(np.int64)] if whole else [])):
+        values = conversion.convert(numbers)
+        if not conversion.formula or values is not numbers:
+            return np.broadcast_to(values, samples.shape)  # of a constant there is but one
+    raise InputError(f"its formula '{conversion.formula}' cannot be computed: log or export it converted")
 
 
 @contextlib.contextmanager

@@ -2,8 +2,10 @@
 
 import gc
 import gzip
+import importlib.util
 import logging
 import os
+import re
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -668,6 +670,33 @@ def test_what_is_said_of_a_common_clock_that_an_mdf_file_does_not_have_is_not_us
     manoeuvre = load(tmp_path / "a.mf4", {"channels": {"time": {"column": "nosuch", "unit": "ms"}}}).manoeuvres[0]
     assert manoeuvre["force"].time == pytest.approx([0.0, 0.2, 0.4])
     assert "a.mf4: every channel has its own clock in this file, so [channels.time] is not used" in manoeuvre.notices[0]
+
+
+def converted(path, raw, conversion):
+    """The values that are read from an MDF file which says how to compute them from ``raw``."""
+    asammdf = pytest.importorskip("asammdf")
+    with asammdf.MDF(version="4.10") as file:
+        file.append([asammdf.Signal(samples=raw, timestamps=np.arange(raw.size) * 0.1, name="force", unit="N",
+                                    conversion=conversion)])
+        file.save(path, overwrite=True)
+    return load(path).manoeuvres[0]["force"].values.tolist()
+
+
+@pytest.mark.parametrize("conversion, value", [
+    ({"formula": "X1*X1"}, 60000.0**2), ({"formula": "X1*100000"}, 6e9), ({"formula": "X1&255"}, 60000 & 255),
+    ({"formula": "3"}, 3.0), ({"P1": 1.0, "P2": 0.0, "P3": 0.0, "P4": 0.0, "P5": 0.0, "P6": 1.0}, 60000.0**2)])
+def test_what_an_mdf_file_computes_of_integers_does_not_overflow(tmp_path, capfd, conversion, value):
+    assert converted(tmp_path / "a.mf4", np.array([60000, 60000], dtype=np.uint16), conversion) == [value, value]
+    assert capfd.readouterr().out == ""
+
+
+@pytest.mark.parametrize("formula", ["pow(X1,2)", "ln(X1)", "X1^2", "X2*2"])
+def test_a_formula_of_an_mdf_file_that_cannot_be_computed_is_named(tmp_path, formula):
+    """Its raw values would be taken for what it stands for."""
+    if importlib.util.find_spec("sympy"):
+        pytest.skip("with sympy asammdf computes more formulas")
+    with pytest.raises(InputError, match=f"a.mf4, channel 'force': its formula '{re.escape(formula)}' cannot be"):
+        converted(tmp_path / "a.mf4", np.array([1, 2], dtype=np.uint16), {"formula": formula})
 
 
 def test_a_mean_of_mdf_channels_needs_one_clock(tmp_path):
