@@ -256,7 +256,11 @@ def _read_mdf(path: Path) -> DataTable:
             with _hushed():
                 signal = file.get(name, group, place, raw=computed)
                 found = _computed(conversion, signal.samples) if computed else signal.samples
+            if np.iscomplexobj(found):
+                raise InputError("it holds complex numbers: real ones are needed")
             values = np.asarray(found, dtype=np.float64)
+            if values.ndim > 1:
+                raise InputError(f"it holds {values[0].size} numbers at every instant: one is needed")
         except InputError as error:
             raise InputError(f"{path}, channel '{name}': {error}") from error
         except (ValueError, TypeError) as error:

@@ -676,7 +676,7 @@ def converted(path, raw, conversion):
     """The values that are read from an MDF file which says how to compute them from ``raw``."""
     asammdf = pytest.importorskip("asammdf")
     with asammdf.MDF(version="4.10") as file:
-        file.append([asammdf.Signal(samples=raw, timestamps=np.arange(raw.size) * 0.1, name="force", unit="N",
+        file.append([asammdf.Signal(samples=raw, timestamps=np.arange(len(raw)) * 0.1, name="force", unit="N",
                                     conversion=conversion)])
         file.save(path, overwrite=True)
     return load(path).manoeuvres[0]["force"].values.tolist()
@@ -697,6 +697,14 @@ def test_a_formula_of_an_mdf_file_that_cannot_be_computed_is_named(tmp_path, for
         pytest.skip("with sympy asammdf computes more formulas")
     with pytest.raises(InputError, match=f"a.mf4, channel 'force': its formula '{re.escape(formula)}' cannot be"):
         converted(tmp_path / "a.mf4", np.array([1, 2], dtype=np.uint16), {"formula": formula})
+
+
+@pytest.mark.parametrize("values, said", [
+    (np.arange(4.0) * (1.0 + 2.0j), "complex numbers: real ones are needed"),
+    (np.ones((4, 3), dtype=np.uint8), "3 numbers at every instant: one is needed")])
+def test_a_channel_of_an_mdf_file_that_holds_no_real_number_an_instant_is_named(tmp_path, values, said):
+    with pytest.raises(InputError, match=f"a.mf4, channel 'force': it holds {said}$"):
+        converted(tmp_path / "a.mf4", values, None)
 
 
 def test_a_mean_of_mdf_channels_needs_one_clock(tmp_path):
