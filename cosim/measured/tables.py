@@ -345,12 +345,14 @@ def _read_mat_hdf5(path: Path) -> DataTable:
         raise InputError(f"{path}: MAT files of version 7.3 need the package h5py, pip install "
                          "'driveline-cosim[measured]'") from error
 
-    def is_text(node: h5py.Dataset) -> bool:  # which is stored as the numbers of its letters
-        return node.attrs.get("MATLAB_class") in (b"char", "char")
+    def holds_numbers(node: h5py.Dataset) -> bool:
+        # a text is stored as the numbers of its letters, an object (datetime, string) as that of its place elsewhere
+        return (node.attrs.get("MATLAB_class") not in (b"char", "char") and "MATLAB_object_decode" not in node.attrs
+                and "MATLAB_empty" not in node.attrs)  # of an empty array its shape is stored
 
     def vectors(group: h5py.Group) -> dict[str, np.ndarray]:
-        return {name: node[()] for name, node in group.items() if isinstance(node, h5py.Dataset)
-                and not is_text(node) and "MATLAB_empty" not in node.attrs}  # of an empty array its shape is stored
+        return {name: node[()] for name, node in group.items()
+                if isinstance(node, h5py.Dataset) and holds_numbers(node)}
 
     try:
         with h5py.File(path) as file:

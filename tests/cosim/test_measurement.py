@@ -551,6 +551,16 @@ def test_neither_a_text_nor_an_empty_array_of_a_mat_file_is_a_vector(tmp_path, v
         load(tmp_path / "a.mat")
 
 
+def test_an_object_of_a_mat_file_is_no_vector(tmp_path):
+    """A datetime, say: where MATLAB keeps its contents is a few whole numbers in its place."""
+    h5py = pytest.importorskip("h5py")
+    place = np.array([0xDD000000, 2, 1, 1, 1, 1], dtype=np.uint32)
+    save_mat(tmp_path / "a.mat", "7.3", {"time": np.arange(6) * 0.1, "force": place, "position": np.arange(6.0)})
+    with h5py.File(tmp_path / "a.mat", "r+") as file:
+        file["force"].attrs.update({"MATLAB_class": np.bytes_("datetime"), "MATLAB_object_decode": np.int32(3)})
+    assert set(load(tmp_path / "a.mat").manoeuvres[0].channels) == {"position"}
+
+
 @pytest.mark.parametrize("version", ["5", "7.3"])
 def test_complex_numbers_are_not_made_real(tmp_path, version):
     parts = np.arange(4.0) * (1.0 + 2.0j)
