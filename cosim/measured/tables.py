@@ -309,7 +309,8 @@ def _give_up(error: Exception) -> None:
     trace = error.__traceback__
     while trace is not None:
         half = trace.tb_frame.f_locals.get("self")
-        if type(half).__module__.startswith("asammdf.") and "_closed" in vars(half):
+        # what has slots in place of a __dict__ is a block of the file
+        if type(half).__module__.startswith("asammdf.") and "_closed" in getattr(half, "__dict__", ()):
             half._closed = True
             for name in ("_tempfile", "_file", "_mapped_file"):
                 if vars(half).get(name) is not None:

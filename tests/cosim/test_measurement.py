@@ -639,6 +639,15 @@ def test_an_mdf_file_that_is_cut_off_is_named_and_nothing_else_is_said(twice, tm
     assert not heard and capfd.readouterr() == ("", "")
 
 
+@pytest.mark.parametrize("block", [b"##DG", b"##CG"])
+def test_an_mdf_file_with_a_damaged_block_is_named(tmp_path, block):
+    converted(tmp_path / "a.mf4", np.arange(4, dtype=np.uint16), {"a": 2.0, "b": 1.0})
+    whole = (tmp_path / "a.mf4").read_bytes()
+    (tmp_path / "a.mf4").write_bytes(whole.replace(block, b"##??"))
+    with pytest.raises(InputError, match="a.mf4 is not a readable MDF file"):
+        load(tmp_path / "a.mf4")
+
+
 def test_an_mdf_file_without_channels_is_named(twice):
     with pytest.raises(InputError, match="a.mf4 has no channels$"):
         load(twice())
