@@ -28,6 +28,7 @@ _HEADER = re.compile(r"\s*(.*?)\s*(?:\[\s*([^\[\]]*?)\s*\])?\s*$", re.DOTALL)
 _SEPARATOR = re.compile(r'"?sep=(.)"?\s*$', re.IGNORECASE | re.DOTALL)  # a tab is one too
 _Contents = np.ndarray | Mapping[str, Any]  # of a variable of a workspace: numbers, or the fields of a struct
 _WITH = r"^[-+]?\d*[{}]\d+([eE][-+]?\d+)?$"  # a number with a decimal mark
+_CLOCKS = (1, 2)  # the types of channel that are one: 1 in MDF 3, 2 in MDF 4, where 1 has its samples elsewhere
 _BLANK = ("", "na", "null", "none", "-")  # in small letters
 
 
@@ -252,6 +253,9 @@ def _read_mdf(path: Path) -> DataTable:
         (group, place), = where
         conversion = file.groups[group].channels[place].conversion
         computed = bool(getattr(conversion, "formula", "")) or hasattr(conversion, "P1")
+        if not _within_records(file.groups[group], place):
+            raise InputError(f"{path}, channel '{name}' cannot be read: it, or its clock, lies beyond the end of its "
+                             "records, so the file is damaged")
         try:
             with _hushed():
                 signal = file.get(name, group, place, raw=computed)
@@ -273,6 +277,21 @@ def _read_mdf(path: Path) -> DataTable:
     table = DataTable(path, sorted(file.channels_db), read, groups)
     weakref.finalize(table, file.close)  # left to itself asammdf does so at an end of its own, and not on every system
     return table
+
+
+def _within_records(group: Any, place: int) -> bool:
+    """Whether a channel of an MDF file and its clock lie within the records of their group.
+
+    asammdf reads whatever memory there is beyond them, and may end the process by that.
+    """
+    length = 8 * group.channel_group.samples_byte_nr
+    for number, channel in enumerate(group.channels):
+        if number == place or channel.channel_type in _CLOCKS:
+            begin = (channel.start_offset + 8 * channel.additional_byte_offset if hasattr(channel, "start_offset")
+                     else 8 * channel.byte_offset + channel.bit_offset)  # MDF 3, MDF 4
+            if begin + channel.bit_count > length:
+                return False
+    return True
 
 
 def _computed(conversion: Any, samples: np.ndarray) -> np.ndarray:

@@ -648,6 +648,21 @@ def test_an_mdf_file_with_a_damaged_block_is_named(tmp_path, block):
         load(tmp_path / "a.mf4")
 
 
+def test_a_channel_of_an_mdf_file_beyond_its_records_is_named(tmp_path):
+    """Of the memory there, asammdf would make a signal, or the process would end."""
+    asammdf = pytest.importorskip("asammdf")
+    converted(tmp_path / "a.mf4", np.arange(4, dtype=np.uint16), None)
+    with asammdf.MDF(tmp_path / "a.mf4") as file:
+        address = file.groups[0].channels[1].address
+    whole = bytearray((tmp_path / "a.mf4").read_bytes())
+    place = address + 24 + 8 * int.from_bytes(whole[address + 16:address + 24], "little") + 4  # of the byte offset
+    assert whole[place:place + 4] == (8).to_bytes(4, "little")  # behind the clock
+    whole[place:place + 4] = (9).to_bytes(4, "little")
+    (tmp_path / "a.mf4").write_bytes(whole)
+    with pytest.raises(InputError, match="a.mf4, channel 'force' cannot be read: it, or its clock, lies beyond"):
+        load(tmp_path / "a.mf4")
+
+
 def test_an_mdf_file_without_channels_is_named(twice):
     with pytest.raises(InputError, match="a.mf4 has no channels$"):
         load(twice())
