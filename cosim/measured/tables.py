@@ -347,7 +347,7 @@ def _read_mat(path: Path) -> DataTable:
     except NotImplementedError:
         return _read_mat_hdf5(path)
     except Exception as error:  # scipy raises many kinds for a damaged file
-        raise InputError(f"{path} is not a readable MAT file: {error}") from error
+        raise InputError(f"{path} is not a readable MAT file: {_in_short(error)}") from error
     return _from_arrays(path, {name: _opened(values) for name, values in arrays.items()})
 
 
@@ -380,8 +380,8 @@ def _read_mat_hdf5(path: Path) -> DataTable:
                 name: vectors(node) for name, node in file.items()
                 if isinstance(node, h5py.Group) and not name.startswith("#")}  # MATLAB's own store of cells
             arrays |= vectors(file)
-    except OSError as error:
-        raise InputError(f"{path} is not a readable MAT file: {error}") from error
+    except Exception as error:  # of many kinds for a damaged file
+        raise InputError(f"{path} is not a readable MAT file: {_in_short(error)}") from error
     return _from_arrays(path, arrays)
 
 
@@ -415,6 +415,12 @@ def _vectors(contents: Mapping[str, _Contents]) -> dict[str, np.ndarray]:
 def _is_complex(values: np.ndarray) -> bool:
     """Also as MAT v7.3 writes complex numbers, in two fields."""
     return np.iscomplexobj(values) or values.dtype.names == ("real", "imag")
+
+
+def _in_short(error: Exception) -> str:
+    """What an error says, without the bytes of a damaged file that stand in it."""
+    words = "".join(letter if letter.isprintable() else " " for letter in str(error))
+    return words if len(words) <= 200 else f"{words[:200]}..."
 
 
 def _listed(names: Sequence[object], most: int = 8) -> str:

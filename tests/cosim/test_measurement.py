@@ -551,6 +551,29 @@ def test_neither_a_text_nor_an_empty_array_of_a_mat_file_is_a_vector(tmp_path, v
         load(tmp_path / "a.mat")
 
 
+def test_a_damaged_mat_file_is_named_in_one_short_line(tmp_path):
+    h5py = pytest.importorskip("h5py")
+    import scipy.io
+
+    path, log = tmp_path / "a.mat", {"time": np.arange(4) * 0.1, "force": np.arange(4.0)}
+    save_mat(path, "7.3", log)
+    whole = path.read_bytes()
+    path.write_bytes(whole.replace(b"SNOD", b"????"))
+    with pytest.raises(InputError, match="a.mat is not a readable MAT file: [^\\n]{,210}$"):
+        load(path)
+    path.write_bytes(whole)
+    with h5py.File(path, "r+") as file:
+        file.create_dataset("endless", (1, 10**15), chunks=(1, 8), dtype=float)
+    with pytest.raises(InputError, match="a.mat is not a readable MAT file: [^\\n]{,210}$"):
+        load(path)
+    scipy.io.savemat(path, {**log, "position": np.arange(1000.0)}, format="4")
+    whole = path.read_bytes()
+    at = whole.index(b"position")
+    path.write_bytes(whole[:at - 4] + (5000).to_bytes(4, "little") + whole[at:])  # bytes of the name
+    with pytest.raises(InputError, match="a.mat is not a readable MAT file: [^\\n]{,210}$"):
+        load(path)
+
+
 def test_an_object_of_a_mat_file_is_no_vector(tmp_path):
     """A datetime, say: where MATLAB keeps its contents is a few whole numbers in its place."""
     h5py = pytest.importorskip("h5py")
