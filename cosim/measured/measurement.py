@@ -404,9 +404,7 @@ def _times(entry: Mapping[str, Any], clock: Mapping[str, Any], column: Column, t
 def _in_order(times: np.ndarray, values: np.ndarray, table: DataTable, label: str,
               notices: list[str]) -> tuple[np.ndarray, np.ndarray]:
     """Samples that exist, in increasing time; small faults are repaired and noted."""
-    present = _present(times, values, label, notices)
-    if not present.any():
-        raise InputError(f"{table.path}: column '{label}' holds no values")
+    present = _present(times, values, table, label, notices)
     rows = np.flatnonzero(present)
     times, values = _sorted(times[present], values[present], rows, table, label, notices)
     if times.size > 1 and times[0] == times[-1]:
@@ -415,8 +413,8 @@ def _in_order(times: np.ndarray, values: np.ndarray, table: DataTable, label: st
     return _apart(times, values, label, notices)
 
 
-def _present(times: np.ndarray, values: np.ndarray, label: str, notices: list[str]) -> np.ndarray:
-    """Which samples have a time and a value."""
+def _present(times: np.ndarray, values: np.ndarray, table: DataTable, label: str, notices: list[str]) -> np.ndarray:
+    """Which samples have a time and a value; some do."""
     untimed = ~np.isfinite(times)
     lost = untimed & np.isfinite(values)  # where both are blank a slower clock has no row, or the file none
     if lost.any():
@@ -428,7 +426,11 @@ def _present(times: np.ndarray, values: np.ndarray, label: str, notices: list[st
     if large.any():
         notices.append(f"column '{label}': {int(large.sum())} values larger than anything measured were left out, up "
                        f"to {np.abs(values[large]).max():.3g}")
-    return np.isfinite(values) & ~large & ~untimed
+    present = np.isfinite(values) & ~large & ~untimed
+    if not present.any():
+        blank = "the time of column" if lost.any() and untimed.all() else "column"
+        raise InputError(f"{table.path}: {blank} '{label}' holds no values")
+    return present
 
 
 def _sorted(times: np.ndarray, values: np.ndarray, rows: np.ndarray, table: DataTable, label: str,

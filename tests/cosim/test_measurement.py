@@ -574,6 +574,15 @@ def test_a_damaged_mat_file_is_named_in_one_short_line(tmp_path):
         load(path)
 
 
+def test_a_clock_without_values_is_named_as_the_clock(tmp_path):
+    (tmp_path / "a.csv").write_text("time,force\n,1\n,2\n")
+    with pytest.raises(InputError, match="a.csv: the time of column 'force' holds no values$"):
+        load(tmp_path / "a.csv")
+    (tmp_path / "a.csv").write_text("time,force\n,\n1,\n")
+    with pytest.raises(InputError, match="a.csv: column 'force' holds no values$"):
+        load(tmp_path / "a.csv")
+
+
 def test_an_object_of_a_mat_file_is_no_vector(tmp_path):
     """A datetime, say: where MATLAB keeps its contents is a few whole numbers in its place."""
     h5py = pytest.importorskip("h5py")
