@@ -355,6 +355,20 @@ def test_where_a_sensor_is_wrong_no_torque_is_said_to_be_missing(base, kind, siz
     assert "sensor: vehicle speed" in text and "missing" not in text and "in the car itself" not in text
 
 
+def test_a_wheel_speed_that_is_a_ratio_off_may_be_the_final_drive_of_the_vehicle_file(base):
+    """With 3.41 in the file for 3.31 the sensor alone was said to err, by "some 1 times what is there"."""
+    given = diagnosis(base, "unknown")
+    given.finding["unknown"]["sensor"] = {"channel": "wheel_speed", "kind": "factor", "size": 3.4093 / 3.31,
+                                          "unit": "1", "log_evidence": 500.0}
+    text = " ".join(words(render(given)).split())
+    assert ("Wheel speed contradicts all else, as if it showed some 1.03 times what is there, or as if the ratio of "
+            "the final drive were some 0.971 times the vehicle file's") in text
+    assert "It is in a sensor, or in the car itself: wheel speed." in text
+    given.finding["unknown"]["sensor"] |= {"kind": "delay", "size": 0.1, "unit": "s"}
+    assert "final drive" not in render(given).partition("<svg")[0] and "It is in a sensor: wheel" in " ".join(
+        words(render(given)).split())
+
+
 def test_what_drives_the_simulation_is_no_sensor_in_the_car_that_is_simulated(base):
     given = diagnosis(base, "unknown")
     given.finding["unknown"]["sensor"] = {"channel": "engine_torque", "kind": "delay", "size": 0.1, "unit": "s",

@@ -24,6 +24,10 @@ _AS_LIKELY, _SURER = 20.0, 4.0
 _SAID = 0.1  # probability of something else from which on it is said for that
 NOTHING = "nothing"  # for what a missing torque goes with
 DELAY, FACTOR = "delay", "factor"  # kinds of a sensor's error, beside one that lasts
+# What is no effect, and wrong in the vehicle file does what a factor of this sensor does, inversely, beside a rolling
+# radius that makes up for it in the vehicle's speed.
+_RATIOS = {"wheel_speed": "the ratio of the final drive"}
+_ROUGHLY, _NEAR_ONE = 2, 0.1  # digits of such a factor; one more where it is nearer to 1
 STILL = 1e-9  # share of a channel by which one that stands still changes at most, as it is rounded
 _WHAT = {"N": "force", "N.m": "torque", "rad": "twist"}  # that is missing, by its unit
 
@@ -97,8 +101,21 @@ def errs(sensor: Mapping[str, Any]) -> str:
     if sensor["kind"] == DELAY:
         return f"as if it were some {1e3 * abs(size):.0f} ms {'late' if size > 0.0 else 'early'}"
     if sensor["kind"] == FACTOR:
-        return "as if its sign were wrong" if size < 0.0 else f"as if it showed some {size:.2g} times what is there"
+        if size < 0.0:
+            return "as if its sign were wrong"
+        said = f"as if it showed some {_times(size)} times what is there"
+        ratio = as_a_ratio(sensor)
+        return f"{said}, or as if {ratio} were some {_times(1.0 / size)} times the vehicle file's" if ratio else said
     return f"by some {size:.2g} {sensor['unit']}"
+
+
+def as_a_ratio(sensor: Mapping[str, Any]) -> str:
+    """What of the vehicle file would do the same if it were wrong as what is wrong with such a sensor; or nothing."""
+    return _RATIOS.get(sensor["channel"], "") if sensor["kind"] == FACTOR and sensor["size"] > 0.0 else ""
+
+
+def _times(factor: float) -> str:
+    return f"{factor:.{_ROUGHLY + (abs(factor - 1.0) < _NEAR_ONE)}g}"
 
 
 def either(names: Sequence[str]) -> str:

@@ -13,6 +13,7 @@ from markupsafe import Markup
 from cosim.diagnosis.catalogue import CATALOGUE
 from cosim.diagnosis.effect import Effect, Values
 from cosim.diagnosis.judge.finding import (
+    as_a_ratio,
     balances,
     believed,
     driven,
@@ -195,7 +196,8 @@ def _place(diagnosis: Diagnosis) -> dict[str, Any] | None:
     if sensor:
         kind = "input" if sensor["channel"] == diagnosis.car.driver else "sensor"
         marked.setdefault(_SENSORS[sensor["channel"]], []).append(f"{kind}: {words(sensor['channel'])}")
-        places = list(dict.fromkeys([*places, _KINDS[kind]]))
+        own = f"{_KINDS[kind]}, or {itself}" if as_a_ratio(sensor) else _KINDS[kind]
+        places = list(dict.fromkeys([*places, own]))
     elif unknown:
         for balance in balances(unknown):
             marked.setdefault(balance, []).append(f"missing {missing(unknown)[0]}")
