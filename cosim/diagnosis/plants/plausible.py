@@ -58,7 +58,7 @@ def check(car: FullOrderCar, measurement: Measurement, runs: Sequence[Run]) -> N
     for run, speeds in rolling:
         if run.kind != "drive":
             _check_gear(car, run, speeds)
-    _check_speeds([speeds for _, speeds in rolling])
+    _check_speeds(car, rolling)
     lively = [run for run in runs if _swing(car, run) > _LIVELY * car.values["engine.maximum_torque"]]
     _check_torques(car, runs, lively)
     clocks.check(car, measurement)
@@ -106,10 +106,10 @@ def _off_by_engine(car: FullOrderCar, run: Run, speeds: Mapping[str, float], beh
     return 1.0
 
 
-def _check_speeds(rows: Sequence[Mapping[str, float]]) -> None:
+def _check_speeds(car: FullOrderCar, rolling: Sequence[tuple[Run, Mapping[str, float]]]) -> None:
     """Whether a speed is much more or less than the others make it, over all recordings."""
     off: dict[str, list[float]] = {}
-    for speeds in rows:
+    for _, speeds in rolling:
         middle = float(np.median(list(speeds.values())))
         for name, speed in speeds.items():
             off.setdefault(name, []).append(speed / middle)
@@ -119,7 +119,24 @@ def _check_speeds(rows: Sequence[Mapping[str, float]]) -> None:
         if apart(shares[name]) > (_SLIPPING if free else _OFF):
             others = ", ".join(other.replace("_", " ") for other in shares if other != name)
             raise InputError(f"{name} is {shares[name]:.3g} times what {others} make it, through gear, final drive "
-                             f"and tyre of the vehicle file: is its unit right?{as_if(name, shares[name])}")
+                             "and tyre of the vehicle file: " + (
+                                 f"are its column and that of {other} exchanged?"
+                                 if (other := _exchanged_with(car, rolling, name)) else
+                                 f"is its unit right?{as_if(name, shares[name])}"))
+
+
+def _exchanged_with(car: FullOrderCar, rolling: Sequence[tuple[Run, Mapping[str, float]]], name: str) -> str | None:
+    """The speed that would have to be called by this name, and the other way round, for all to agree; or None."""
+    for other in {other: None for _, speeds in rolling for other in speeds if name in speeds and other != name}:
+        left = []
+        for run, speeds in rolling:
+            if {name, other} <= set(speeds):
+                share = car.gearing.rolling(run.gear)[name] / car.gearing.rolling(run.gear)[other]
+                turned = {**speeds, name: share * speeds[other], other: speeds[name] / share}.values()
+                left.append(max(turned) / min(turned))
+        if float(np.median(left)) < _ALIKE:
+            return other
+    return None
 
 
 def _swing(car: FullOrderCar, run: Run) -> float:

@@ -76,6 +76,18 @@ def test_a_unit_that_is_not_right_is_said(recorded, channel, factor, said):
         check(car, with_units(runs, {channel: factor}))
 
 
+@pytest.mark.parametrize(("one", "other"), [
+    ("wheel_speed", "transmission_output_speed"), ("turbine_speed", "wheel_speed"), ("vehicle_speed", "wheel_speed")])
+def test_two_speeds_under_the_names_of_one_another_are_said_to_be(recorded, one, other):
+    """Of a wheel speed that was 3.31 times what the others make it, the final drive's ratio, the unit was asked."""
+    car, runs = recorded
+    turned = {one: other, other: one}
+    exchanged = [replace(run, clocks={name: run.clocks[turned.get(name, name)] for name in run.clocks},
+                         measured={name: run.measured[turned.get(name, name)] for name in run.clocks}) for run in runs]
+    with pytest.raises(InputError, match=f"({one}.*and that of {other}|{other}.*and that of {one}) exchanged"):
+        check(car, exchanged)
+
+
 @pytest.mark.parametrize(("is_", "taken", "factor"), [("km/h", "m/s", 3.6), ("km/h", "mph", 1.609344),
                                                       ("m/s", "km/h", 1.0 / 3.6)])
 def test_the_units_that_were_mistaken_are_named(tmp_path, is_, taken, factor):
