@@ -222,8 +222,8 @@ def _excitation(car: FullOrderCar, runs: Sequence[Run]) -> list[str]:
         return []
     does = f"changes by no more than {swing:.2g} N.m in any recording" if swing > 0.0 else (
         "does not change in any recording (if the car was driven otherwise, its signal hangs)")
-    return [f"{car.driver} {does}: nothing excites the driveline, so of lash, stiffness, damping, inertias and delays "
-            "hardly anything can be told"]
+    return [f"{car.driver} {does}: unless it rings from before, nothing excites the driveline, so of lash, stiffness, "
+            "damping, inertias and delays hardly anything can be told"]
 
 
 def _zeros(declared: Sequence[Coordinate], fit: Fit) -> list[str]:
