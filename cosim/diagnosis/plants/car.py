@@ -31,6 +31,8 @@ _MOVES = 0.5  # of what the torque moves by in its liveliest part: where it move
 _IMPULSE = 0.1  # N.m.s: a gap in which less may have been lost is no more than the torque wanders by
 _GAPS = 6  # of a run that are estimated; a slow logger has one after the other, and each takes simulations
 _WALKING = 1.0  # m/s
+# Speeds that are 0 where the car stands; that of the turbine only in gear.
+_STANDING = ("turbine_speed", "transmission_output_speed", "wheel_speed", "vehicle_speed")
 
 
 class FullOrderCar(InstrumentedPlant):
@@ -155,8 +157,13 @@ class FullOrderCar(InstrumentedPlant):
         return Stretches(chosen, others, left_out)
 
     def _dead(self, manoeuvre: Manoeuvre) -> list[str]:
-        """What always reads the same: such a sensor was not there."""
-        return [name for name in self.channels if name in manoeuvre and np.ptp(manoeuvre[name].values) == 0.0]
+        """What always reads the same: such a sensor was not there. But where the engine turns, and no speed behind it
+        ever reads anything else than 0, and there are several, the car stands."""
+        still = [name for name in self.channels if name in manoeuvre and np.ptp(manoeuvre[name].values) == 0.0]
+        zero = [name for name in still if name in _STANDING and manoeuvre[name].values[0] == 0.0]
+        rolls = any(name in manoeuvre and name not in zero for name in _STANDING if name != "turbine_speed")
+        idles = "engine_speed" in manoeuvre and "engine_speed" not in still
+        return [name for name in still if name not in zero or rolls or len(zero) < 2 or not idles]
 
     def updated(self, manoeuvre: Manoeuvre) -> Manoeuvre:
         """The same with the samples that were measured of channels that were held in between."""

@@ -230,6 +230,24 @@ def test_a_sensor_that_always_reads_the_same_is_left_out_and_that_is_told():
         car.runs(dead)
 
 
+@pytest.mark.parametrize("turbine", [np.zeros_like, lambda t: 65.0 + np.sin(t)])  # in gear, in neutral
+@pytest.mark.parametrize("gear", [None, 4])
+def test_a_car_that_idles_has_no_dead_speeds_but_stands(gear, turbine):
+    """With a gear it was one that rolls at what its idling engine turns in that, and was fitted; without one it was
+    refused, with all others."""
+    car = FullOrderCar("suv_6l80")
+    shown = a_drive(car, (4, 4), gear=gear, vehicle_speed=lambda t: 0.36 * (60.0 + np.sin(t)))
+    [drive] = shown.manoeuvres
+    rolling = replace(drive, name="rolling", kind="tip_in")
+    speeds = {"engine_speed": lambda t: 68.0 + np.sin(t), "turbine_speed": turbine,
+              **dict.fromkeys(("wheel_speed", "vehicle_speed"), np.zeros_like)}
+    idles = replace(rolling, name="idles", channels={
+        name: replace(of, values=speeds[name](of.time)) if name in speeds else of
+        for name, of in drive.channels.items()})
+    [run], _, told = car.stretches(replace(shown, manoeuvres=(idles, rolling)))
+    assert run.name == "rolling" and len(told) == 1 and "it begins at a standstill" in told[0]
+
+
 def test_what_begins_at_a_standstill_is_left_out_and_that_is_told():
     """A recording of two that was left out without a word was called one recording; with the only one of them it was
     said that nothing changes."""
