@@ -477,8 +477,8 @@ def _apart(times: np.ndarray, values: np.ndarray, label: str, notices: list[str]
     twice = (values == np.repeat(values[first], count)).all()
     distance = np.diff(read)
     step = float(np.quantile(distance, 0.05))
-    # a few are no habit of a clock, and an even one has no such short steps
-    if twice or again.sum() < _MANY or step < 0.5 * np.median(distance):
+    # a few are no habit of a clock; one that is even has no such short steps, and one that goes stands nowhere
+    if twice or again.sum() < _MANY or step < 0.5 * np.median(distance) or count.max() > 2 * np.median(count) + 1:
         notices.append(f"column '{label}': {int(again.sum())} repeated instants, the first value was kept")
         return times[~again], values[~again]
     notices.append(f"column '{label}': {int(again.sum())} of {times.size} samples have the time of another, as of a "

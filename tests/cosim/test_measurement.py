@@ -260,10 +260,11 @@ def test_samples_that_share_a_coarse_reading_of_the_clock_are_spread_evenly_abou
     assert "spread evenly" in spread and all("read every 0.01 s" in notice for notice in (spread, doubt))
 
 
-def test_rows_that_are_there_twice_count_once_and_repeats_of_an_uneven_clock_keep_the_first(tmp_path):
+def test_rows_that_are_there_twice_count_once_and_of_a_clock_that_is_uneven_or_stopped_the_first(tmp_path):
     twice = [(t, v) for t in range(40) for v in [t] * (1 + t % 2)]
     uneven = [(t**2, v) for t in range(40) for v in [t, -1][:1 + t % 2]]
-    for rows in (twice, uneven):
+    stopped = [(min(t, 39), t) for t in range(60)]
+    for rows in (twice, uneven, stopped):
         (tmp_path / "a.csv").write_text("time,force\n" + "".join(f"{t},{v}\n" for t, v in rows))
         manoeuvre = load(tmp_path / "a.csv").manoeuvres[0]
         assert manoeuvre["force"].values.tolist() == list(range(40))
