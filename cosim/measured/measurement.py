@@ -355,9 +355,25 @@ def _in_si(values: np.ndarray, name: str, unit: str, entry: Mapping[str, Any], w
                       if of == wanted and units.parse(written) == units.parse(unit)), unit)
         factor, offset = units.conversion(meant, wanted)
     except InputError as error:
-        raise InputError(f"{where}: {name} is measured in {wanted}: {error}") from error
+        raise InputError(f"{where}: {name} is measured in {wanted}: {error}{_other_quantity(name, unit)}") from error
     with np.errstate(over="ignore"):  # what has no number left in SI is infinite, and left out
         return factor * (_factor(entry, where) * values) + offset
+
+
+def _other_quantity(name: str, unit: str) -> str:
+    """How to make a signal of what control units tell in its place, in words; nothing where they tell nothing else."""
+    try:
+        if name == "wheel_speed":
+            over = 1.0 / units.conversion(unit, "m/s")[0]
+            return ('; of its circumference: write unit = "rad/s" and a factor of 1 over '
+                    f"{over:.6g} times the rolling radius in m")
+        if CANONICAL[name].unit == "N.m":
+            share = units.conversion(unit, "1")[0]
+            return (f'; as a share of a reference torque: write unit = "N.m" and a factor of {share:.6g} times that in '
+                    "N.m")
+    except InputError:
+        pass
+    return ""
 
 
 def _factor(entry: Mapping[str, Any], where: str) -> float:

@@ -301,6 +301,17 @@ def test_a_clock_of_its_own_that_ends_before_the_others_loses_nothing(tmp_path):
         "a.csv: 1 rows without a time were left out",)
 
 
+@pytest.mark.parametrize(("name", "unit", "said"), [
+    ("wheel_speed", "km/h", 'unit = "rad/s" and a factor of 1 over 3.6 times the rolling radius'),
+    ("engine_torque", "%", 'unit = "N.m" and a factor of 0.01 times that in N.m'),
+    ("wheel_speed", "N.m", "cannot be converted to 'rad/s'$"),
+    ("vehicle_speed", "rpm", "cannot be converted to 'm/s'$")])
+def test_what_control_units_tell_in_place_of_a_signal_is_said_how_to_read(tmp_path, name, unit, said):
+    (tmp_path / "a.csv").write_text("time,x\n0,50\n1,51\n")
+    with pytest.raises(InputError, match=said):
+        load(tmp_path / "a.csv", {"channels": {name: {"column": "x", "unit": unit}}})
+
+
 def test_what_marks_an_invalid_sample_is_no_value_of_it(tmp_path):
     """The largest number of single precision, or one that has none in SI."""
     (tmp_path / "a.csv").write_text("time,force [kN],position\n0,1,1\n1,-3.4028235e38,2\n2,1e307,3\n3,4,4\n")
