@@ -177,3 +177,33 @@ def test_another_gear_than_the_measurement_says_is_named(recorded):
     driving = replace(blind, gear=5, inputs=np.where(torque, np.maximum(blind.inputs, 1.0), blind.inputs))
     check(car, [driving])  # an engine that drives may turn faster than its turbine
     check(car, [replace(runs[0], gear=5, kind="drive")])  # one's gear is a channel, as quick as any
+
+
+@pytest.mark.parametrize(("channel", "factor", "said"), [
+    ("vehicle_speed", 3.6, "vehicle_speed is 3.* times .*as if km/h were taken for m/s"),
+    ("propeller_shaft_torque", 1e-3, "propeller_shaft_torque changes by"),
+    ("propeller_shaft_torque", -1.0, "propeller_shaft_torque goes down where .* up: is its sign right"),
+    ("seat_acceleration", 1.0 / 9.80665, "seat_acceleration is 0.*as if g were taken for m/s2")])
+def test_what_is_not_right_in_one_recording_of_three_is_said_to_be_in_that(recorded, channel, factor, said):
+    """A vehicle speed in km/h in one file of three was the median's affair, and explained at length."""
+    car, (first, second) = recorded
+    for place in range(3):
+        runs = [first, second, replace(first, name="again")]
+        runs[place:place + 1] = with_units(runs[place:place + 1], {channel: factor})
+        with pytest.raises(InputError, match=f"^{runs[place].name}: {said}"):
+            check(car, runs)
+
+
+def test_an_engine_torque_that_is_turned_round_in_one_recording_is_said_to_be_in_that(recorded):
+    car, (first, second) = recorded
+    inputs = second.inputs.copy()
+    inputs[:, car.columns["engine_torque"]] *= -1.0
+    with pytest.raises(InputError, match=f"^{second.name}: all else goes up where engine_torque goes down"):
+        check(car, [first, replace(second, inputs=inputs), replace(first, name="again")])
+
+
+def test_an_engine_whose_clutch_is_open_in_one_recording_is_possible(recorded):
+    """It idles while the car rolls, or turns twice as fast."""
+    car, (first, second) = recorded
+    for factor in (0.4, 2.5):
+        check(car, [first, *with_units([second], {"engine_speed": factor}), replace(first, name="again")])
