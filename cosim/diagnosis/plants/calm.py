@@ -1,4 +1,4 @@
-"""Where a long recording may be cut: where the torque that drives it has been calm for a while."""
+"""Where a recording is cut: where nobody knows what drove it, and a long one where that has been calm for a while."""
 
 from __future__ import annotations
 
@@ -9,7 +9,14 @@ from cosim.measured import Channel
 
 _GRID = 0.02  # s
 _BEFORE, _AFTER = 2.0, 0.5  # s: what a step of torque shakes up rings down before a cut, and is whole where it follows
+_PAUSE, _LOST = 1.0, 2.5  # s, and distances of samples: a gap that is longer is not bridged
 _ALIKE = 0.05  # of what the torque moves by in the whole stretch: what moves by so much more is as calm
+
+
+def pauses(driver: Channel, begin: float, end: float) -> list[tuple[float, float]]:
+    """Where within a stretch [s] what drives the plant was not recorded for so long that nobody knows what it did."""
+    long = [(max(a, begin), min(b, end)) for a, b in driver.gaps(_LOST) if b - a > _PAUSE]
+    return [(a, b) for a, b in long if b > a]
 
 
 def calm_parts(driver: Channel, begin: float, end: float, longest: float) -> list[tuple[float, float]]:

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from cosim.diagnosis.plants.base import SHORTEST, InstrumentedPlant, Stretches, compared
-from cosim.diagnosis.plants.calm import calm_parts
+from cosim.diagnosis.plants.calm import calm_parts, pauses
 from cosim.diagnosis.plants.frozen import frozen
 from cosim.diagnosis.plants.gaps import gaps
 from cosim.diagnosis.plants.gearing import Gearing, coupled
@@ -136,7 +136,8 @@ class FullOrderCar(InstrumentedPlant):
         self._check_forward(manoeuvre)
         start, stop = self._span(manoeuvre)
         manoeuvre = self._alive(manoeuvre)
-        whole = stop - start <= LONGEST and "gear" not in manoeuvre and manoeuvre.kind != "drive"
+        silent = pauses(manoeuvre[self.driver], start, stop)
+        whole = stop - start <= LONGEST and not silent and "gear" not in manoeuvre and manoeuvre.kind != "drive"
         spans = [(start, stop, None)] if whole else self._spans(manoeuvre, start, stop)
         runs: list[Run] = []
         lost: dict[str, list[str]] = {}
@@ -147,6 +148,8 @@ class FullOrderCar(InstrumentedPlant):
                 runs.append(run)
             elif manoeuvre.kind != "drive":  # in which the car stands now and then
                 lost.setdefault(run, []).append(f"{begin:.3g} to {end:.3g} s")
+        if silent:
+            lost[f"{self.driver} was not recorded"] = [f"{begin:.3g} to {end:.3g} s" for begin, end in silent]
         left_out += [f"{manoeuvre.name}: nothing is compared from {' and '.join(times)}: {why}"
                      for why, times in lost.items()]
         most = max((_moves(run) for run in runs), default=0.0)
@@ -207,14 +210,15 @@ class FullOrderCar(InstrumentedPlant):
                                  "forward is looked at: is its sign right?")
 
     def _spans(self, manoeuvre: Manoeuvre, start: float, stop: float) -> list[tuple[float, float, int | None]]:
-        """Stretches of constant gear, none longer than ``LONGEST``, with the gear as ``Gearing.parts``."""
-        spans = []
+        """Stretches of constant gear, none with a pause or longer than ``LONGEST``; the gear as ``Gearing.parts``."""
+        spans, driver = [], manoeuvre[self.driver]
         for begin, end, gear in self.gearing.parts(manoeuvre, start, stop):
             # what a shift shakes up rings down first; the clutches of the next shift begin before its flag
             begin, end = begin + 0.8 * (begin != start), end - 0.3 * (end != stop)
             for first, last in coupled(manoeuvre, begin, end):
-                spans += [(a, b, gear) for a, b in calm_parts(manoeuvre[self.driver], first, last, LONGEST)
-                          if b - a >= SHORTEST]
+                bounds = [first, *itertools.chain(*pauses(driver, first, last)), last]
+                for known in zip(bounds[::2], bounds[1::2]):
+                    spans += [(a, b, gear) for a, b in calm_parts(driver, *known, LONGEST) if b - a >= SHORTEST]
         return spans
 
     def _run(self, manoeuvre: Manoeuvre, present: Sequence[str], name: str, start: float, stop: float,
