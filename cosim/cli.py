@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import errno
 import json
 import logging
 import os
@@ -65,6 +66,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return _FAILED
     except Exception as error:
+        if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:  # found by whatever looks for it first
+            return _say(f"{error.filename}: {error.strerror}", _WRONG_INPUT)
         if options.debug:
             raise
         return _say(f"{error}" if isinstance(error, RuntimeError | OSError) else
@@ -370,6 +373,8 @@ def _hide(options: argparse.Namespace) -> tuple[Any, str]:
                  structure=options.structure, drift=options.drift, manoeuvres=options.manoeuvres, truth=truth,
                  progress=progress)
     except OSError as error:
+        if error.errno == errno.ENAMETOOLONG:  # which may be that of the vehicle
+            raise
         raise InputError(f"--out {out}: {error}: a folder that can be written to is needed") from error
     answer = {"measurement": str(out), "truth": str(truth), "run_seconds": time.perf_counter() - began}
     return answer, f"{out}\n{truth}"

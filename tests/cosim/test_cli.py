@@ -146,6 +146,19 @@ def test_an_fmu_without_outputs_runs_without_a_picture(foreign_fmus, tmp_path, m
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["result.csv", "result.json", "result.parquet"]
 
 
+@pytest.mark.parametrize("words", [
+    ["run", "{}"], ["run", "demo", "--out", "{}"], ["study", "gears", "--out", "{}"], ["diagnose", "{}"],
+    ["hide", "--seed", "1", "--out", "{}"], ["hide", "--seed", "1", "--out", "h", "--vehicle", "{}"],
+    ["hide", "--seed", "1", "--out", "h", "--truth", "{}"]])
+def test_a_name_that_is_too_long_for_a_file_is_wrong_input(tmp_path, monkeypatch, capsys, words):
+    monkeypatch.chdir(tmp_path)
+    long = 400 * "a"
+    assert cli.main([word.format(long) for word in words]) == 2
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert said.startswith("driveline: ") and long in said and "--out h" not in said
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.parametrize(("out", "truth"), [
     ("m", "m.truth.json"), (".", "../here.truth.json"), ("a/..", "../here.truth.json"), ("..", "../../{}.truth.json")])
 def test_the_truth_lies_beside_the_folder_however_it_is_written(tmp_path, monkeypatch, out, truth):
