@@ -207,6 +207,11 @@ def test_an_effect_outside_the_catalogue_shows_alike_in_both_structures(name, tm
     assert shown[0] == pytest.approx(shown[1], rel=0.3)
 
 
+def test_the_cocktail_takes_no_size(tmp_path):
+    with pytest.raises(InputError, match=f"^{COCKTAIL}=5: {COCKTAIL} is what its table says, and takes no size$"):
+        hide([f"{COCKTAIL}=5"], 2, tmp_path / "m", manoeuvres=SHORT)
+
+
 def test_the_cocktail_of_table_2_3_is_the_modified_variant_on_the_baseline(tmp_path):
     truth = hide([COCKTAIL], 2, tmp_path / "m", manoeuvres=SHORT)
     base, true = load_vehicle("pickup_10r80").values, load_vehicle("pickup_10r80", "modified").values

@@ -128,6 +128,8 @@ def hide(effects: Sequence[str], seed: int, out: Path, *, vehicle: str = VEHICLE
         if sized and not text.strip():
             raise InputError(f"{entry}: a size is needed behind =, or {name} alone where it is to be drawn")
         if name == COCKTAIL:
+            if sized:
+                raise InputError(f"{entry}: {name} is what its table says, and takes no size")
             mixed, sizes = cocktail(vehicle, nominal)
         elif name.startswith(PREFIX):
             name = name.removeprefix(PREFIX)
