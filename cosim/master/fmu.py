@@ -174,7 +174,16 @@ class FmuParticipant:
         if _is_pythonfmu(description) and not (self.folder / "resources" / "slavemodule.txt").is_file():
             raise InputError(f"{self.name}: {self.path} is not whole: it has no resources/slavemodule.txt, without "
                              "which PythonFMU ends the process")
+        if _is_pythonfmu(description) and not self._has_slave_module():
+            raise InputError(f"{self.name}: {self.path} is not whole: the module that resources/slavemodule.txt names "
+                             "is not there, without which PythonFMU ends the process")
         return description
+
+    def _has_slave_module(self) -> bool:
+        resources = self.folder / "resources"
+        named, *_ = (resources / "slavemodule.txt").read_text(encoding="utf-8", errors="replace").splitlines() or [""]
+        top = named.strip().partition(".")[0]
+        return bool(top) and any(path.name.partition(".")[0] == top for path in resources.iterdir())
 
     def _read_variables(self) -> tuple[dict[str, Variable], bool]:
         description = self.description

@@ -614,6 +614,8 @@ def repacked(fmu, target, change):
     (lambda name, data: (name.replace("/", "\\"), data), "not an FMU.*forward slashes"),
     (lambda name, data: None if name.startswith("resources") else (name, data), "not whole: .*slavemodule.txt"),
     (lambda name, data: None if name.endswith("slavemodule.txt") else (name, data), "not whole: .*slavemodule.txt"),
+    (lambda name, data: (name, b"" if name.endswith("slavemodule.txt") else data), "not whole: .*names is not there"),
+    (lambda name, data: (name, b"gone" if name.endswith("slavemodule.txt") else data), "not whole: .*is not there"),
     (lambda name, data: (name, data[:40] if name.endswith("Description.xml") else data), "not an FMU"),
 ])
 def test_what_is_no_usable_fmu_is_refused_by_name(fmus, tmp_path, change, words):
