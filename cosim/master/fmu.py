@@ -130,7 +130,13 @@ class FmuParticipant:
         self.variable_step = bool(self.description.coSimulation.canHandleVariableCommunicationStepSize)
         self.only_once = bool(self.description.coSimulation.canBeInstantiatedOnlyOncePerProcess)
         self._references = {v.name: v.valueReference for v in self.description.modelVariables}
-        self.variables, self.dependencies_declared = self._read_variables()
+        try:
+            self.variables, self.dependencies_declared = self._read_variables()
+        except InputError:  # which is a ValueError too
+            raise
+        except ValueError as error:
+            raise InputError(f"{self.name}: {self.path} is not an FMU: {error}, where a variable's start, min, max, "
+                             "nominal or item is") from error
         self._slave: FMU2Slave | None = None
         self._fatal = False
         self._running = False  # initialized, and nothing has failed

@@ -617,6 +617,7 @@ def repacked(fmu, target, change):
     (lambda name, data: (name, b"" if name.endswith("slavemodule.txt") else data), "not whole: .*names is not there"),
     (lambda name, data: (name, b"gone" if name.endswith("slavemodule.txt") else data), "not whole: .*is not there"),
     (lambda name, data: (name, data[:40] if name.endswith("Description.xml") else data), "not an FMU"),
+    (lambda name, data: (name, data.replace(b' start="', b' start="x')), "not an FMU: could not convert .*'x.*start"),
 ])
 def test_what_is_no_usable_fmu_is_refused_by_name(fmus, tmp_path, change, words):
     path = repacked(fmus / "lag.fmu", tmp_path / "odd.fmu", change)
