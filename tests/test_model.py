@@ -11,6 +11,7 @@ from driveline.kernels.layout import TIME_TOLERANCE
 from driveline.model import LATEST, Model
 from driveline.models import MODELS
 from driveline.quantities import InputError, Variable
+from driveline.vehicles import load
 
 
 class Integrator(Model):
@@ -158,3 +159,12 @@ def test_every_model_declares_what_a_host_shows(name):
     model = MODELS[name]
     assert model.name == name
     assert model.description and model.default_step > 0.0
+
+
+@pytest.mark.parametrize("name", [name for name in MODELS if name != "plant_fom"])
+def test_what_gears_and_final_drives_turn_by_is_within_what_there_is(name):
+    """With a final drive of a million the lash observer's outputs were NaN."""
+    start = MODELS[name].defaults_from(load("pickup_10r80"), 5)
+    for ratio in ("gear.transmission_ratio", "gear.final_drive_ratio"):
+        with pytest.raises(InputError, match=ratio):
+            MODELS[name](start | {ratio: 1e6}).initialize()

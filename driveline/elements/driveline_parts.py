@@ -10,6 +10,10 @@ from dataclasses import dataclass
 from ..quantities import InputError, quantity
 from .shaft import Bushing, Shaft
 
+# What ratios of any driveline are within.
+GEAR_RATIO = {"minimum": -50.0, "maximum": 50.0}
+FINAL_DRIVE_RATIO = {"minimum": 0.1, "maximum": 20.0}
+
 
 @dataclass(frozen=True)
 class DualMassFlywheel(Shaft):
@@ -27,7 +31,7 @@ class Transmission(Shaft):
     does not exist. Reverse has a negative ratio, all others have positive ones.
     """
 
-    ratio: tuple[float, ...] = quantity("1", "input speed over output speed, by gear", minimum=-50.0, maximum=50.0)
+    ratio: tuple[float, ...] = quantity("1", "input speed over output speed, by gear", **GEAR_RATIO)
     inertia: tuple[float, ...] = quantity("kg.m2", "planetary sets referred to the input, by gear", minimum=1e-6)
     loss_constant: tuple[float, ...] = quantity("N.m", "drag torque at the input, by gear", minimum=0.0)
     loss_viscous: tuple[float, ...] = quantity("N.m.s/rad", "drag over input speed, by gear", minimum=0.0)
@@ -68,7 +72,7 @@ class TransferCase:
 class FinalDrive:
     """Hypoid gear and differential; lash and mesh at the propeller shaft."""
 
-    ratio: float = quantity("1", "propeller shaft speed over axle speed", minimum=0.1, maximum=20.0)
+    ratio: float = quantity("1", "propeller shaft speed over axle speed", **FINAL_DRIVE_RATIO)
     pinion_inertia: float = quantity("kg.m2", "pinion and flange, at the propeller shaft", minimum=1e-5)
     ring_inertia: float = quantity("kg.m2", "ring gear and differential, at the axle", minimum=1e-4)
     half_gap: float = quantity("rad", "half the total lash, at the propeller shaft", minimum=0.0, maximum=1.0)

@@ -28,6 +28,7 @@ from typing import Any
 
 import numpy as np
 
+from ..elements.driveline_parts import FINAL_DRIVE_RATIO, GEAR_RATIO
 from ..kernels.backend import F8, entry_point, kernel
 from ..plants.reduced import LashShaft, reduce
 from ..quantities import InputError, Variable, parameter_variables, quantity
@@ -123,8 +124,8 @@ INPUT_TORQUE, INPUT_ENGINE, INPUT_WHEEL, INPUT_ENGINE_AGE, INPUT_WHEEL_AGE = ran
 class Ratios:
     """Ratios of the fixed gear, and its losses apart from each other."""
 
-    transmission_ratio: float = quantity("1", "transmission ratio (i_tr)")
-    final_drive_ratio: float = quantity("1", "final drive ratio (i_fdr)", minimum=0.1)
+    transmission_ratio: float = quantity("1", "transmission ratio (i_tr)", **GEAR_RATIO)
+    final_drive_ratio: float = quantity("1", "final drive ratio (i_fdr)", **FINAL_DRIVE_RATIO)
     loss_constant: float = quantity("N.m", "transmission drag before its lash, at the engine", minimum=0.0)
     loss_viscous: float = quantity("N.m.s/rad", "transmission drag over engine speed", minimum=0.0)
     loss_fraction: float = quantity("1", "loss in both over the torque carried", minimum=0.0, maximum=0.5)

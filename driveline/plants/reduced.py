@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ..elements.driveline_parts import FINAL_DRIVE_RATIO, GEAR_RATIO
 from ..elements.road_load import GRAVITY
 from ..kernels import layout as k
 from ..quantities import InputError, parameter_variables, quantity
@@ -58,8 +59,8 @@ class RoadVehicle(Vehicle):
 class Gear:
     """Ratios of the fixed gear, and its losses, taken off the engine torque at the input."""
 
-    transmission_ratio: float = quantity("1", "transmission ratio (i_tr)")
-    final_drive_ratio: float = quantity("1", "final drive ratio (i_fdr)", minimum=0.1)
+    transmission_ratio: float = quantity("1", "transmission ratio (i_tr)", **GEAR_RATIO)
+    final_drive_ratio: float = quantity("1", "final drive ratio (i_fdr)", **FINAL_DRIVE_RATIO)
     loss_constant: float = quantity("N.m", "gear-train drag at the engine", minimum=0.0)
     loss_viscous: float = quantity("N.m.s/rad", "gear-train drag over engine speed", minimum=0.0)
     loss_fraction: float = quantity("1", "gear-train loss over the torque at the propeller shaft", minimum=0.0)
