@@ -385,6 +385,10 @@ def test_a_torque_missing_at_the_engine_may_be_an_error_of_what_drives_the_simul
     assert "It is in the car itself, or in what drives the simulation: engine, transmission." in text
     given.finding["unknown"] |= {"balance": "axle", "balances": ["axle"]}
     assert "It is in the car itself: axle." in " ".join(words(render(given)).split())
+    given.finding["unknown"] |= {"balance": "engine", "balances": ["engine"]}
+    given.finding |= {key: diagnosis(base, "cause").finding[key] for key in ("together", "causes")}
+    text = " ".join(words(render(given)).split())
+    assert "It is in the car itself, and perhaps in what drives the simulation too." in text
 
 
 def test_where_nothing_is_named_but_something_differs_the_page_does_not_say_that_tolerance_explains_it(base):

@@ -193,24 +193,28 @@ def _place(diagnosis: Diagnosis) -> dict[str, Any] | None:
     places = _kinds(named, itself)
     unknown = finding["verdict"] == "unknown" and finding.get("unknown")
     sensor = unknown and wrong_sensor(unknown)
+    either_of: list[str] = []  # where what is unknown may be
     if sensor:
         kind = "input" if sensor["channel"] == diagnosis.car.driver else "sensor"
         marked.setdefault(_SENSORS[sensor["channel"]], []).append(f"{kind}: {words(sensor['channel'])}")
-        own = f"{_KINDS[kind]}, or {itself}" if as_a_ratio(sensor) else _KINDS[kind]
-        places = list(dict.fromkeys([*places, own]))
+        either_of = [_KINDS[kind], itself] if as_a_ratio(sensor) else [_KINDS[kind]]
     elif unknown:
         for balance in balances(unknown):
             marked.setdefault(balance, []).append(f"missing {missing(unknown)[0]}")
         # what is missing there is the same as an error of the torque that it is driven by
-        own = f"{itself}, or {_KINDS['input']}" if _SENSORS["engine_torque"] in balances(unknown) else itself
-        places = list(dict.fromkeys([*places, own]))
+        either_of = [itself, _KINDS["input"]] if _SENSORS["engine_torque"] in balances(unknown) else [itself]
+    perhaps = [place for place in either_of if place not in places]
+    if len(perhaps) == len(either_of) > 0:
+        places, perhaps = [*places, ", or ".join(either_of)], []
     if not places:
         return None
     drawn = None
     if diagnosis.car.name == "plant_fom" and set(marked) <= set(_PLACES):
         drawn = Markup(svg.chain(_PLACES, {k: list(dict.fromkeys(v)) for k, v in marked.items()},
                                  "where it is: " + ", ".join(marked)))
-    if len(places) == 1:
+    if perhaps:
+        where = _open_places([places, [*places, *perhaps]])
+    elif len(places) == 1:
         where = places[0] + ("" if places[0] == itself or unknown else f"; the {what} itself is as its file says")
     elif open_to:
         where = _open_places([_kinds([*sure, *choice], itself) for choice in choices])
