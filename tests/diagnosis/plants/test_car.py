@@ -1,4 +1,4 @@
-"""Simulations led along measured speeds."""
+"""Recordings made ready for a car, and a car simulated as they say."""
 
 from dataclasses import replace
 
@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 from drives import a_drive
 from floors import FLOORS
-from scipy.interpolate import CubicSpline
 
 from cosim.diagnosis.fit.noise import floors
 from cosim.diagnosis.plants import STEP, Bench, FullOrderCar, Nuisance
-from cosim.diagnosis.plants.led import led_by
 from cosim.diagnosis.plants.observation import CHANNELS
 from cosim.measured import CANONICAL, Channel, Manoeuvre, Measurement
 from driveline.plants.full_order import FullOrderPlant
@@ -125,49 +123,6 @@ def test_an_accelerometer_shows_the_mean_and_misses_no_impact(car_and_run):
     itself = on_its_own(car.values, run)["differential_acceleration"]
     # where it does not jump it is the acceleration itself
     assert np.median(np.abs(shown - itself)) < 0.01 * np.std(itself)
-
-
-def test_led_by_its_own_speeds_it_goes_its_own_way(car_and_run):
-    car, run = car_and_run
-    free = car.raw(car.values, run.free)
-    led = car.raw(car.values, led_by(run, free))
-    for name in ("engine_speed", "propeller_shaft_torque", "wheel_speed"):
-        # what leads it is half a step old, sampled once a step
-        assert np.max(np.abs(led[name] - free[name])) < 2e-2 * np.ptp(free[name])
-
-
-@pytest.mark.parametrize(("noisy", "ripple", "lost", "most"), [
-    (False, 0.0, 0.0, 0.03), (True, 0.0, 0.0, 0.25), (False, 35.0, 0.0, 0.04), (False, 0.0, 0.1, 0.03)])
-def test_what_leads_it_leaves_little_beside_the_noise_of_the_channels(car_and_run, noisy, ripple, lost, most):
-    """Straight lines between samples damp shuffle, by 0.09 of the speeds' noise; noise that leads moves the seat.
-
-    Little enough to be overlooked, and slow enough to move the parameters of five recordings by 3 sigma. Ripple of 70
-    to 120 Hz, sampled every 10 ms, would shake the driveline slowly, by 0.37 of the noise. A curve through both ends of
-    a tenth of a second without frames would miss a trough of the shuffle, by 0.18.
-    """
-    car, run = car_and_run
-    values = {**car.values, "torque_ripple.amplitude": ripple, "torque_ripple.phase": 1.0}
-    raw, random = car.raw(values, run.free), np.random.default_rng(1)
-    anchors, swing = {}, run.time[np.argmax(raw["propeller_shaft_torque"])]  # the engine is slowed down most there
-    for name, every in (("engine_speed", 10), ("vehicle_speed", 50)):
-        time, shown = run.time[every // 2::every], raw[name][every // 2::every]
-        seen = np.abs(time - swing) > 0.5 * lost
-        time, shown = time[seen], shown[seen]
-        anchors[name] = CubicSpline(time, shown + noisy * FLOORS[name] * random.standard_normal(time.size))
-    left = car.predict(values, replace(run, anchors=anchors)) - car.predict(values, run.free)
-    for name, place in run.slices.items():
-        assert np.sqrt(np.mean(left[place] ** 2)) < most * FLOORS[name], name
-
-
-def test_a_led_driveline_forgets_a_torque(car_and_run):
-    car, run = car_and_run
-    led = led_by(run, car.raw(car.values, run.free))
-    kick = np.zeros(len(run.inputs))
-    kick[2500:2600] = 5.0
-    for one, forgets in ((led, True), (run.free, False)):
-        change = np.abs(car.raw(car.values, one, Nuisance(), kick)["vehicle_speed"]
-                        - car.raw(car.values, one)["vehicle_speed"])
-        assert (change[-500:].max() < 0.3 * change.max()) == forgets
 
 
 def test_what_stays_one_number_in_a_stretch_is_not_compared_there():
