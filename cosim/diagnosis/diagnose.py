@@ -217,7 +217,7 @@ def _notices(measurement: Measurement, car: InstrumentedPlant, runs: list[Run], 
 
 def _excitation(car: FullOrderCar, runs: Sequence[Run]) -> list[str]:
     """What recordings cannot show in none of which the driver does anything."""
-    swing = max(float(np.ptp(run.inputs[:, car.columns[car.driver]])) for run in runs)
+    swing = max(run.swing for run in runs)
     if swing > _WANDERS * WANDER:
         return []
     does = f"changes by no more than {swing:.2g} N.m in any recording" if swing > 0.0 else (
@@ -266,17 +266,15 @@ def _driveline(diagnosis: Diagnosis, car: FullOrderCar, out: Path | None, worker
         diagnosis.reserved, diagnosis.further = (
             [known for run in others if (known := run.only(found.noise.floors)).clocks]
             for others in (diagnosis.reserved, diagnosis.further))
-        further, confirmed = diagnosis.further, set()
+        further, confirmed, told = diagnosis.further, set(), []
         if len(further) >= FEWEST and found.best.causes:
             say(f"judging what was found on {len(further)} further stretches")
             jury = Jury(predictor, further, found.noise.floors)
             found, verdicts = jury.judged(found, partial(search.part, found.best))
-            for notice in words(verdicts, len(further)):
-                say(notice)
-                diagnosis.notices.append(notice)
+            told += words(verdicts, len(further))
             confirmed = {verdict.effect for verdict in verdicts if verdict.confirmed}
         diagnosis.identification = found
-        for notice in _zeros(declared, found.best):
+        for notice in [*told, *_zeros(declared, found.best)]:
             say(notice)
             diagnosis.notices.append(notice)
         say("whether something is missing beside what was found")

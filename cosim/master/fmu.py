@@ -177,19 +177,21 @@ class FmuParticipant:
             built = ', '.join(platforms) or 'nothing'
             raise InputError(f"{self.name}: {self.path} has binaries for {built}: "
                              f"{fmpy.platform} is needed")
-        if _is_pythonfmu(description) and not (self.folder / "resources" / "slavemodule.txt").is_file():
-            raise InputError(f"{self.name}: {self.path} is not whole: it has no resources/slavemodule.txt, without "
-                             "which PythonFMU ends the process")
-        if _is_pythonfmu(description) and not self._has_slave_module():
-            raise InputError(f"{self.name}: {self.path} is not whole: the module that resources/slavemodule.txt names "
-                             "is not there, without which PythonFMU ends the process")
+        if _is_pythonfmu(description) and (lacking := self._lacking()):
+            raise InputError(f"{self.name}: {self.path} is not whole: {lacking}, without which PythonFMU ends the "
+                             "process")
         return description
 
-    def _has_slave_module(self) -> bool:
+    def _lacking(self) -> str:
+        """What of an FMU of PythonFMU is not there, in words; nothing where all is."""
         resources = self.folder / "resources"
-        named, *_ = (resources / "slavemodule.txt").read_text(encoding="utf-8", errors="replace").splitlines() or [""]
-        top = named.strip().partition(".")[0]
-        return bool(top) and any(path.name.partition(".")[0] == top for path in resources.iterdir())
+        named = resources / "slavemodule.txt"
+        if not named.is_file():
+            return "it has no resources/slavemodule.txt"
+        first, *_ = named.read_text(encoding="utf-8", errors="replace").splitlines() or [""]
+        top = first.strip().partition(".")[0]
+        there = bool(top) and any(path.name.partition(".")[0] == top for path in resources.iterdir())
+        return "" if there else "the module that resources/slavemodule.txt names is not there"
 
     def _read_variables(self) -> tuple[dict[str, Variable], bool]:
         description = self.description

@@ -5,17 +5,18 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
+from cosim.diagnosis.plants.base import SLOWEST
+from cosim.diagnosis.plants.gaps import MISSED
 from cosim.measured import Channel
 
 _GRID = 0.02  # s
 _BEFORE, _AFTER = 2.0, 0.5  # s: what a step of torque shakes up rings down before a cut, and is whole where it follows
-_PAUSE, _LOST = 1.0, 2.5  # s, and distances of samples: a gap that is longer is not bridged
 _ALIKE = 0.05  # of what the torque moves by in the whole stretch: what moves by so much more is as calm
 
 
 def pauses(driver: Channel, begin: float, end: float) -> list[tuple[float, float]]:
     """Where within a stretch [s] what drives the plant was not recorded for so long that nobody knows what it did."""
-    long = [(max(a, begin), min(b, end)) for a, b in driver.gaps(_LOST) if b - a > _PAUSE]
+    long = [(max(a, begin), min(b, end)) for a, b in driver.gaps(MISSED) if b - a > SLOWEST]
     return [(a, b) for a, b in long if b > a]
 
 
@@ -33,8 +34,8 @@ def calm_parts(driver: Channel, begin: float, end: float, longest: float) -> lis
     if end - begin <= longest:
         return [(begin, end)]
     times = np.arange(begin, end, _GRID)
-    moves = _moves(driver.at(times))
-    alike = _ALIKE * float(np.ptp(driver.at(times)))
+    torque = driver.at(times)
+    moves, alike = _moves(torque), _ALIKE * float(np.ptp(torque))
     parts, first = [], begin
     while end - first > longest:
         latest = min(first + longest, end - 0.25 * longest)

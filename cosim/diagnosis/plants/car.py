@@ -152,8 +152,8 @@ class FullOrderCar(InstrumentedPlant):
             lost[f"{self.driver} was not recorded"] = [f"{begin:.3g} to {end:.3g} s" for begin, end in silent]
         left_out += [f"{manoeuvre.name}: nothing is compared from {' and '.join(times)}: {why}"
                      for why, times in lost.items()]
-        most = max((_moves(run) for run in runs), default=0.0)
-        runs = [run if manoeuvre.kind == "drive" or _moves(run) >= _MOVES * most else dataclasses.replace(run, kind="")
+        most = max((run.swing for run in runs), default=0.0)
+        runs = [run if manoeuvre.kind == "drive" or run.swing >= _MOVES * most else dataclasses.replace(run, kind="")
                 for run in runs]
         lively = sorted(runs, key=lambda run: -float(np.std(run.inputs[:, 0])))
         chosen, others = (sorted(some, key=lambda run: run.start) for some in (lively[:RUNS], lively[RUNS:]))
@@ -265,11 +265,6 @@ class FullOrderCar(InstrumentedPlant):
                 _, level = np.polyfit(channel.time[first] - start, channel.values[first], 1)
                 return float(level * factor)
         return float(known[0][0].at(start) * known[0][1]) if known else 0.0
-
-
-def _moves(run: Run) -> float:
-    """By how much what drives a run moves [N.m]."""
-    return float(np.ptp(run.inputs[:, 0]))
 
 
 def _where(channel: Channel, which: np.ndarray) -> Channel:

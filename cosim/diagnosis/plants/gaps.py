@@ -20,7 +20,7 @@ from cosim.measured import Channel
 WAVES = 2  # at least: half a turn and a whole one, of what the torque was beside the straight line
 _EACH = 0.05  # s of a longer gap to each
 _LOST = 1.5  # distances of frames: more, and one is missing
-_MISSED = 2.5  # and two: more than a curve through the others can follow
+MISSED = 2.5  # and two: more than a curve through the others can follow
 
 
 @dataclass(frozen=True)
@@ -78,15 +78,16 @@ def gaps(channel: Channel, start: float, stop: float, least: float) -> list[Gap]
     return found
 
 
-def known(stamps: np.ndarray, instants: np.ndarray) -> np.ndarray:
+def known(stamps: np.ndarray, instants: np.ndarray, least: float = 0.0) -> np.ndarray:
     """Whether a curve through samples says what was between them.
 
     Args:
         stamps: Of the samples [s], increasing.
         instants: Within them [s].
+        least: However close samples are otherwise, between those that are no further apart it is known [s].
     """
     apart = np.diff(stamps)
-    close = apart <= _MISSED * np.median(apart)
+    close = apart <= max(least, MISSED * float(np.median(apart)))
     return close[np.clip(np.searchsorted(stamps, instants) - 1, 0, close.size - 1)]
 
 

@@ -67,7 +67,7 @@ def check(car: FullOrderCar, measurement: Measurement, runs: Sequence[Run]) -> N
         if run.kind != "drive":
             _check_gear(car, run, speeds)
     _check_speeds(car, rolling)
-    lively = [run for run in runs if _swing(car, run) > _LIVELY * car.values["engine.maximum_torque"]]
+    lively = [run for run in runs if run.swing > _LIVELY * car.values["engine.maximum_torque"]]
     _check_torques(car, runs, lively)
     clocks.check(car, measurement)
     _check_signs(car, [run for run in lively if run.clocks])
@@ -85,10 +85,10 @@ def _check_gear(car: FullOrderCar, run: Run, speeds: Mapping[str, float]) -> Non
     sides = [[speeds[name] for name in side if name in speeds] for side in (_BEFORE_GEARS, _BEHIND)]
     if min(map(len, sides)) == 0 or max(map(len, sides)) < 2 or any(max(side) > _ALIKE * min(side) for side in sides):
         return
-    ratios, behind = car.gearing.ratios, float(np.median(sides[1]))
+    gearing, behind = car.gearing, float(np.median(sides[1]))
     off = speeds["turbine_speed"] / behind if "turbine_speed" in speeds else _off_by_engine(car, run, speeds, behind)
-    ratio = ratios[run.gear] * off
-    nearest = car.gearing.nearest(ratio * car.values["final_drive.ratio"])
+    ratios, ratio = gearing.ratios, gearing.ratios[run.gear] * off
+    nearest = gearing.nearest(ratio * gearing.final_drive)
     if nearest != run.gear and apart(ratio / ratios[run.gear]) > _ALIKE > apart(ratio / ratios[nearest]):
         raise InputError(f"{run.name}: the speeds before and behind the gears have a ratio of {ratio:.3g}, as in gear "
                          f"{nearest}; gear {run.gear}, as the measurement says, has {ratios[run.gear]:.3g}")
@@ -152,17 +152,13 @@ def _exchanged_with(car: FullOrderCar, rolling: Sequence[tuple[Run, Mapping[str,
         left = []
         for run, speeds in rolling:
             if {name, other} <= set(speeds):
-                share = car.gearing.rolling(run.gear)[name] / car.gearing.rolling(run.gear)[other]
+                over = car.gearing.rolling(run.gear)
+                share = over[name] / over[other]
                 turned = {**speeds, name: share * speeds[other], other: speeds[name] / share}.values()
                 left.append(max(turned) / min(turned))
         if float(np.median(left)) < _ALIKE:
             return other
     return None
-
-
-def _swing(car: FullOrderCar, run: Run) -> float:
-    """By how much the engine's torque changes in a recording [N.m]."""
-    return float(np.ptp(run.inputs[:, car.columns["engine_torque"]]))
 
 
 def _check_torques(car: FullOrderCar, runs: Sequence[Run], lively: Sequence[Run]) -> None:
@@ -173,7 +169,7 @@ def _check_torques(car: FullOrderCar, runs: Sequence[Run], lively: Sequence[Run]
         raise InputError(f"engine_torque is up to {highest:.3g} N.m, and the engine of the vehicle file gives at most "
                          f"{most:.3g}: is its unit right?")
     ratios = car.gearing.ratios
-    carried = [(run, float(np.ptp(run.measured["propeller_shaft_torque"])) / (ratios[run.gear] * _swing(car, run)))
+    carried = [(run, float(np.ptp(run.measured["propeller_shaft_torque"])) / (ratios[run.gear] * run.swing))
                for run in lively if "propeller_shaft_torque" in run.measured and run.gear in ratios]
     odd = [(run, share) for run, share in carried if apart(share) > _CARRIED and run.kind != "drive"] or carried
     if odd and apart(share := float(np.median([share for _, share in odd]))) > _CARRIED:

@@ -79,6 +79,11 @@ class Run:
         return (self.kind, self.gear, self.back) if self.kind not in ("", "drive") else None
 
     @property
+    def swing(self) -> float:
+        """By how much what drives the plant, its first input, moves [N.m, or N of a carriage]."""
+        return float(np.ptp(self.inputs[:, 0]))
+
+    @property
     def time(self) -> np.ndarray:
         """Instants [s] of the simulated outputs."""
         return ends(self.start, len(self.inputs))

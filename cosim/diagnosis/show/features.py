@@ -17,6 +17,7 @@ from scipy.ndimage import correlate1d, maximum_filter1d
 from scipy.signal import savgol_coeffs, savgol_filter
 
 from cosim.diagnosis.plants import Run
+from cosim.diagnosis.plants.gaps import known
 from cosim.measured import CANONICAL
 
 Key = tuple[str, str]  # signal, feature
@@ -28,7 +29,6 @@ _SHUFFLE = np.arange(1.5, 14.0, 0.15)  # Hz
 _DECAY = np.geomspace(0.3, 16.0, 13)  # 1/s
 _EDGE = round(0.05 * _RATE)  # samples of the grid at its ends, of which no change can be taken
 _LAGS = np.arange(-32, 33)  # samples of the grid
-_LOST = 2.5  # distances of samples: more than two are lost; and longer than over what a change is taken
 _FEWEST = round(0.5 * _RATE)  # samples of the grid outside gaps that anything is read off
 _BEFORE = 0.2  # s before shuffle is alone, in which an overshoot may be
 _STEEP = 10.0  # times: more is no factor of a torque meter, either way
@@ -125,13 +125,9 @@ class Reader:
     @cached_property
     def _gaps(self) -> dict[str, np.ndarray]:
         """Of every channel, where on the grid it is a straight line through lost samples."""
-        found = {}
-        for name, clock in self.run.clocks.items():
-            distance = np.diff(clock)
-            lost = distance > max(_SMOOTH, _LOST * float(np.median(distance)))
-            within = np.clip(np.searchsorted(clock, self.grid) - 1, 0, lost.size - 1)
-            found[name] = lost[within] & (self.grid > clock[within])
-        return found
+        # a gap that is no longer than over what a change is taken hides little
+        return {name: ~known(clock, self.grid, _SMOOTH) & (self.grid > clock[0])
+                for name, clock in self.run.clocks.items()}
 
     @cached_property
     def _clear(self) -> dict[str, np.ndarray]:
