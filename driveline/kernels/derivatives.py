@@ -12,7 +12,7 @@ from .backend import kernel
 from .layout import (
     BENT, BENT_TABLE, BRANCHES, BRANCH_COLUMNS, BRANCH_TABLE, CALM, CONTACT, CONTINUOUS, DRIVERS, DRIVER_TABLE, FAILED,
     FRICTION, INERTIA, KEPT, LAW, MOST_KEPT, NODES, NODE_A, NOT_A_MODE, PARAMETER, PROPAGATION_HEAD, REFUSED,
-    RIPPLE, SLIPPING, SLOT_HEAD, SUBSTEP, SWINGING, SWINGS, TWIST, USED, WHOLE, kept_places, moving, slot_size,
+    RIPPLE, RUBBING, SLIPPING, SLOT_HEAD, SUBSTEP, SWINGING, SWINGS, TWIST, USED, WHOLE, kept_places, moving, slot_size,
 )
 from .laws import rates
 from .sticking import stick
@@ -125,7 +125,8 @@ def weigh(plan, work, weights):
             work[weights + i] = work[plan[INERTIA] + place]
         for b in range(plan[BRANCHES]):
             row = plan[BRANCH_TABLE] + b * BRANCH_COLUMNS
-            if plan[row + LAW] == CONTACT and plan[row + TWIST] == place:
+            law = plan[row + LAW]
+            if (law == CONTACT or law == RUBBING) and plan[row + TWIST] == place:
                 work[weights + i] = work[plan[row + PARAMETER] + 2]
 
 

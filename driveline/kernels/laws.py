@@ -26,7 +26,7 @@ from .backend import kernel
 from .layout import (
     AERO, BRANCHES, BRANCH_COLUMNS, BRANCH_TABLE, CONTACT, CONTACTS, CONTACT_TABLE, CONTINUOUS, CONVERTER, COS_GRADE,
     CURVE, DELAYED, ENGINE, FRICTION, INERTIA, INTEGRALS, INTEGRAL_TABLE, LAGS, LAG_TABLE, LASH, LAW,
-    LEADING, LOSS, NODES, NODE_A, NODE_B, NOISE, PARAMETER, REFERENCE, RIPPLE, RUNS, SHAFT, SIGNAL,
+    LEADING, LOSS, NODES, NODE_A, NODE_B, NOISE, PARAMETER, REFERENCE, RIPPLE, RUBBING, RUNS, SHAFT, SIGNAL,
     SLIPPING, SOURCE, TWIST, TWO_STAGE,
 )
 from .sticking import stick
@@ -94,7 +94,7 @@ def rates(plan, work, y, dy, signal, torque, torque_b, modes, matrix):
         elif law == CONVERTER:
             t, t_b = converter_torques(work, p + 2, speed_a, speed_b)
             dissipated += t * speed_a - t_b * speed_b
-        elif law == CONTACT:
+        elif law == CONTACT or law == RUBBING:
             u_rate = contact_deflection_rate(
                 work[x], rate, work[p + 5] * speed_a, work[p + 3], work[p + 4])
             t = work[p + 2] * work[x]
@@ -224,7 +224,7 @@ def relative_speed(plan, work, row, y):
 
 @kernel
 def fastest_patch(plan, work, y):
-    """The largest rate [1/s] at which a tyre's contact patch forgets its deflection; it grows with the slip."""
+    """The largest rate [1/s] at which a contact patch forgets its deflection; it grows with the slip."""
     fastest = 0.0
     table = plan[CONTACT_TABLE]
     for i in range(plan[CONTACTS]):
@@ -248,7 +248,7 @@ def stored_energy(plan, work, y, modes):
         law = plan[row + LAW]
         x = y + plan[row + TWIST]
         k = work[plan[row + PARAMETER] + 2]
-        if law == SHAFT or law == CONTACT:
+        if law == SHAFT or law == CONTACT or law == RUBBING:
             energy += 0.5 * k * work[x] * work[x]
         elif law == LASH:
             energy += 0.5 * k * work[x + 1] * work[x + 1]

@@ -26,7 +26,9 @@ RIPPLE = 11    # amplitude, order, phase; reference: place of the angle
 SLIPPING = 12  # as FRICTION, then torque, target and reset time of the control that holds its slip
 LEADING = 13   # gain; torque = gain * (rate - signal), as far as the signal of its reference says
 CURVE = 14     # gain; torque = gain * a curve, which begins at the signal, over the twist at the place of its reference
+RUBBING = 15   # as CONTACT, of what does not roll: friction that builds up over a twist; its radius is 0
 DRY = (FRICTION, SLIPPING)  # what may stick
+PATCHES = (CONTACT, RUBBING)  # what forgets its deflection as it slides
 DRIVING = (ENGINE, SOURCE, LEADING, RIPPLE)  # what hears signals only as a torque on its node, or on the way to one
 STRAIGHT = (SHAFT, LASH, TWO_STAGE)  # what has states that move as fast as speeds differ
 

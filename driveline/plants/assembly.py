@@ -14,6 +14,7 @@ from math import inf
 import numpy as np
 
 from ..elements.curved_shaft import SIGNALS as CURVE_SIGNALS
+from ..elements.damper_friction import DamperFriction
 from ..elements.slip_control import SlipControl
 from ..elements.torque_ripple import TorqueRipple
 from ..elements.two_stage_stiffness import FirstStage
@@ -241,6 +242,12 @@ class Assembly:
                                    (stiffness, relaxation_length, limit / stiffness, radius),
                                    states=(entry,)))
 
+    def rubbing(self, name: str, a: int, b: int, friction: DamperFriction) -> int:
+        """Dry friction that builds up over a twist; ``elements.damper_friction``."""
+        entry = StateEntry(f"{name}_deflection", "rad", f"twist that the {name.replace('_', ' ')} holds against")
+        return self._branch(Branch(name, k.RUBBING, a, b, 1.0, 1.0,
+                                   (friction.torque / friction.twist, 1.0, friction.twist, 0.0), states=(entry,)))
+
     def loss(self, name: str, node: int, carried: int, constant: Number, viscous: Number,
              fraction: Number, coast_excess: Number = 0.0) -> int:
         """A loss at a node that grows with the torque carried by an earlier branch.
@@ -432,7 +439,7 @@ class Assembly:
         bent = [*range(n_nodes), *(places[entry.name] for branch in self.branches.values()
                                    if branch.law not in k.STRAIGHT for entry in branch.states)]
         drivers, heard = self._drivers(), self._heard()
-        contacts = [b for b, row in enumerate(rows) if row[0] == k.CONTACT]
+        contacts = [b for b, row in enumerate(rows) if row[0] in k.PATCHES]
         plan[k.SWITCHES], plan[k.CONTACTS] = len(switches), len(contacts)
         plan[k.BENT], plan[k.DRIVERS], plan[k.HEARD] = len(bent), len(drivers), len(heard)
         plan[k.CHANNELS], plan[k.SECTIONS] = len(channel_rows), len(self.sections)

@@ -14,6 +14,7 @@ import numpy as np
 from ..elements.asymmetric_friction import AsymmetricFriction
 from ..elements.converter import Converter
 from ..elements.coulomb_drag import CoulombDrag
+from ..elements.damper_friction import DamperFriction
 from ..elements.driveline_parts import (
     DifferentialCase,
     DualMassFlywheel,
@@ -99,6 +100,7 @@ class FullOrderParameters:
     axle_first_stage: FirstStage
     coulomb_drag: CoulombDrag
     slip_control: SlipControl
+    damper_friction: DamperFriction
 
 
 def input_variable(name: str, unit: str, meaning: str, **more) -> Variable:
@@ -278,6 +280,8 @@ class FullOrderPlant(Plant):
         lockup = net.friction("lockup_clutch", impeller, plate, p.lockup_clutch.capacity, p.lockup_clutch.static_ratio,
                               p.lockup_clutch.drag, lag="lockup_clutch_pressure", control=p.slip_control)
         net.shaft("damper", plate, turbine, p.damper.stiffness, p.damper.damping)
+        if p.damper_friction.torque > 0.0:
+            net.rubbing("damper_friction", plate, turbine, p.damper_friction)
         net.friction("shift_clutch", turbine, gearset, p.transmission.shift_capacity, lag="shift_clutch_engagement")
         gears = net.lash("transmission", gearset, output, p.transmission.stiffness, p.transmission.damping,
                          p.transmission.half_gap, ratio_b=ratio)

@@ -302,7 +302,7 @@ class Plant(KernelModel):
         substep = self["solver.maximum_substep"]
         rows = self._branch_rows()
         self.state[net.modes][(rows[:, k.LAW] == k.FRICTION) & (modes == 0.0)] = 1.0
-        patches = rows[rows[:, k.LAW] == k.CONTACT, k.TWIST]
+        patches = rows[np.isin(rows[:, k.LAW], k.PATCHES), k.TWIST]
         fastest = 0.0
         for gear in self.possible_gears():
             if gear is not None:

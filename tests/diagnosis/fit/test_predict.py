@@ -61,6 +61,30 @@ def test_an_accelerometer_that_is_not_level_says_nothing_of_the_car(car_and_run)
     assert scores[1] == pytest.approx(scores[0], abs=2.0)
 
 
+def test_a_damper_that_rubs_is_healthy(car_and_run):
+    """Its one viscous number stands for friction: here there is a third of it, and 10 N.m of that."""
+    car, run = car_and_run
+    rubs = {"damper.damping": car.values["damper.damping"] / 3.0, "damper_friction.torque": 10.0}
+    run = measured(car, run, car.raw(car.values | rubs, run.free))
+    scores, declared = [], coordinates(car, [run])
+    for known in (declared, [c for c in declared if c.name not in rubs]):
+        with Predictor(car, [run], known) as predictor:
+            fitter = Fitter(predictor)
+            file = fitter.nominal()
+            noise = fitter.noise(file)
+            fit = fitter.settle(fitter.refine(file, noise, 3), noise)
+            scores.append(fit.score)
+    assert scores[0] > scores[1] + 10.0
+
+
+def test_no_damper_rubs_by_less_than_nothing(car_and_run):
+    car, run = car_and_run
+    declared = coordinates(car, [run])
+    less = np.array([-3.0 if c.name == "damper_friction.torque" else 0.0 for c in declared])
+    values, _ = Predictor(car, [run], declared).values(less, 0)
+    assert values["damper_friction.torque"] == 0.0
+
+
 GAPS = ("transmission.half_gap", "final_drive.half_gap")
 
 
