@@ -31,8 +31,9 @@ STATUS = {
                        "no inertia beside it",
     k.QUEUE_FULL: f"the requested torque changed more than {k.QUEUE_SIZE} times within "
                   "engine.air_delay; take longer communication steps or a shorter delay",
-    k.SLIDES_TOO_FAST: "a tyre slides faster than can be followed; look for a torque that spins it without end, a "
-                       "friction coefficient near zero, or reduce solver.maximum_substep",
+    k.SLIDES_TOO_FAST: "a tyre, or a damper that rubs, slides faster than can be followed; look for a torque that "
+                       "spins it without end, a friction coefficient or a twist of friction near zero, or reduce "
+                       "solver.maximum_substep",
 }
 
 
