@@ -33,6 +33,7 @@ from cosim.diagnosis.hidden.recordings import Drive, asked, driven, logged, usua
 from cosim.files import replacing
 from cosim.messages import did_you_mean
 from driveline import vehicles
+from driveline.plants.full_order import FullOrderParameters
 from driveline.quantities import InputError
 
 STRUCTURES = ("same", "other")
@@ -121,7 +122,7 @@ def hide(effects: Sequence[str], seed: int, out: Path, *, vehicle: str = VEHICLE
     structure = structure or ("other" if np.random.default_rng([seed, 7]).uniform() < 1 / 3 else "same")
     wanted = sorted(effects, key=lambda entry: entry != COCKTAIL)  # which says what the others are of
     variant = None if COCKTAIL in wanted else variant or usual_variant(vehicle)
-    nominal = dict(vehicles.load(vehicle, variant).values)
+    nominal = _file_values(vehicle, variant)
     mixed, sizes, chosen, outside = nominal, {}, {}, {}
     for entry in wanted:
         name, sized, text = entry.partition("=")
@@ -179,6 +180,18 @@ def hide(effects: Sequence[str], seed: int, out: Path, *, vehicle: str = VEHICLE
 def usual_variant(vehicle: str) -> str | None:
     """The variant that is nominal where nobody asks for one: of the shipped vehicle that the thesis validated."""
     return VALIDATED if vehicle == VEHICLE else None
+
+
+def _file_values(vehicle: str, variant: str | None) -> dict[str, float]:
+    """All numbers of a car's vehicle file, which are those that the plant declares.
+
+    Raises:
+        InputError: No such vehicle or variant, it is a bench, or the plant refuses the file.
+    """
+    read = vehicles.load(vehicle, variant)
+    highest_gear(read.values)  # first: of a bench the numbers of a car are missing too
+    read.parameters(FullOrderParameters)
+    return dict(read.values)
 
 
 def _check_simulated(name: str, values: Mapping[str, float], nominal: Mapping[str, float], gears: Collection[int],
@@ -299,7 +312,7 @@ def cocktail(vehicle: str, values: dict[str, float]) -> tuple[dict[str, float], 
         The true values, and the sizes of the catalogue's effects in them. The inertias of converter and
         transmission, which the table changes with the engine's, stand in the values alone.
     """
-    true = vehicles.load(vehicle, "modified").values
+    true = _file_values(vehicle, "modified")
     changed = {name: value for name, value in true.items() if not name.startswith("torque_meter.")}
     filtered = 1.0 / true["torque_meter.stopband_frequency"]
     rigid = -1.0 / values["suspension.stiffness"] if values["suspension.enabled"] else 0.0
