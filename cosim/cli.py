@@ -285,14 +285,15 @@ def _study(options: argparse.Namespace) -> tuple[Any, str]:
              if (value := getattr(options, key)) is not None}
     with _not_left_empty(out), _progress(options.name, 0.0, 1.0) as progress:
         answer = studies.run(options.name, out, progress, **given)
+    name, unit = (max(map(len, (key, *(row[key] for row in answer["rows"])))) for key in ("quantity", "unit"))
     lines = [f"{answer['study']}: {answer['source']}",
-             f"{'quantity':48} {'unit':8} {'paper':>10} {'here':>10} {'deviation':>10}  note"]
+             f"{'quantity':{name}} {'unit':{unit}} {'paper':>10} {'here':>10} {'deviation':>10}  note"]
     for row in answer["rows"]:
         paper, here = ("-" if row[key] is None else f"{row[key]:.5g}" for key in ("paper", "here"))
         deviation = "" if row["deviation_percent"] is None else f"{row['deviation_percent']:+.2f} %"
-        lines.append(f"{row['quantity']:48} {row['unit']:8} {paper:>10} {here:>10} {deviation:>10}  "
+        lines.append(f"{row['quantity']:{name}} {row['unit']:{unit}} {paper:>10} {here:>10} {deviation:>10}  "
                      f"{row['note']}".rstrip())
-    return answer, "\n".join([*lines, str(out / f"{options.name}.json"), *map(str, answer["figures"])])
+    return answer, "\n".join([*lines, *(str(out / file) for file in (f"{options.name}.json", *answer["figures"]))])
 
 
 def _diagnose(options: argparse.Namespace) -> tuple[Any, str]:

@@ -139,6 +139,16 @@ def test_a_pair_to_compare_that_is_not_there_is_said_before_the_run(folder, caps
     assert not (folder / "out").exists()
 
 
+def test_a_study_prints_a_table_and_where_its_files_are(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["study", "torque-meter-filter", "--out", "here"]) == 0
+    shown = capsys.readouterr().out.splitlines()
+    rows = json.loads(Path("here/torque-meter-filter.json").read_text())["rows"]
+    head, table, files = shown[1], shown[2:2 + len(rows)], shown[2 + len(rows):]
+    assert all(line[head.index("unit"):].startswith(f"{row['unit']} ") for line, row in zip(table, rows, strict=True))
+    assert {Path(file) for file in files} == set(Path("here").iterdir())
+
+
 def test_an_fmu_without_outputs_runs_without_a_picture(foreign_fmus, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "s.toml").write_text(f'stop = 0.1\n[fmu.f]\nfile = "{foreign_fmus / "silent.fmu"}"\n')
