@@ -32,6 +32,7 @@ from cosim.diagnosis.judge.finding import (
     missing,
     wrong_sensor,
 )
+from cosim.messages import behind
 from driveline.quantities import InputError
 
 log = logging.getLogger("cosim")
@@ -326,7 +327,7 @@ def _summary(finding: dict[str, Any]) -> list[str]:
     if len(together := finding["together"]) > 1:
         lines.append(f"  {100 * joint_probability(finding, together):3.0f} % these together: {', '.join(together)}")
     for cause in finding["causes"]:
-        numbers = ", ".join(f"{name} {p['value']:.4g} [{p['low90']:.4g}, {p['high90']:.4g}] {p['unit']} "
+        numbers = ", ".join(f"{name} {p['value']:.4g} [{p['low90']:.4g}, {p['high90']:.4g}]{behind(p['unit'])} "
                             f"(file: {p['nominal']:.4g})" for name, p in cause["parameters"].items())
         lines.append(f"  {100 * cause['probability']:3.0f} % {cause['effect']}: {numbers}")
     if unknown := finding["unknown"]:

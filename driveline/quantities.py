@@ -82,7 +82,7 @@ class Variable:
         """Raise InputError unless ``value`` is finite and inside the range of this variable."""
         unit = "" if self.unit == "1" else f" {self.unit}"
         if not value - value == 0.0:  # true for NaN and both infinities
-            raise InputError(f"{self.name} is {value}: a finite number in {self.unit} is needed")
+            raise InputError(f"{self.name} is {value}: a finite number{unit and f' in{unit}'} is needed")
         low, high = self.range
         digits = ".10g" if self.kind == "integer" else "g"  # all of those an integer can have
         if value < low:

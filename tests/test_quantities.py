@@ -111,3 +111,9 @@ def test_an_integer_has_the_32_bits_of_fmi_whatever_is_declared():
     with pytest.raises(InputError, match="n is -2147483649: at least -2147483648 is needed"):
         free.check(-2**31 - 1)
     assert Variable("x", "1", "").range == (-math.inf, math.inf)
+
+
+def test_what_is_no_number_is_told_the_unit_that_it_needs_if_it_has_one():
+    for unit, needed in (("m", "a finite number in m is needed"), ("1", "a finite number is needed")):
+        with pytest.raises(InputError, match=f"^x is nan: {needed}$"):
+            Variable("x", unit, "").check(math.nan)

@@ -113,7 +113,8 @@ class EffectParameter:
         """Raise InputError unless the size is plausible, and a vehicle of these values can have it."""
         low, high = self.range(values)
         if not low <= size <= high:
-            what = "a factor on what the vehicle file says" if self.scale == "log" else f"in {self.unit}"
+            what = ("a factor on what the vehicle file says" if self.scale == "log" else
+                    "a pure number" if self.unit == "1" else f"in {self.unit}")
             raise InputError(f"{self.name} is {size:g}: from {low:g} to {high:g} is plausible, {what}")
 
 

@@ -20,7 +20,7 @@ from cosim.master.fmu import FmuParticipant
 from cosim.master.parameters import find_fmu, twin_of, vehicle_parameters, why_strange
 from cosim.master.participants import ModelParticipant, Participant, SimulationError
 from cosim.master.stepping import Loop, NotFinite
-from cosim.messages import did_you_mean
+from cosim.messages import behind, did_you_mean
 from cosim.result import Result, check_signal_name
 from cosim.signals import Constant, Signal
 from driveline.model import Model
@@ -305,8 +305,8 @@ class Master:
             for variable in member.participant.variables.values():
                 if variable.causality == "input" and f"{name}.{variable.name}" not in self._wires:
                     start = member.parameters.get(variable.name, variable.start)
-                    shown = repr(start or "") if variable.kind == "string" else f"{start:g} {variable.unit}"
-                    self._say(f"{name}.{variable.name} is not connected: it stays at its start value, {shown}".rstrip())
+                    shown = repr(start or "") if variable.kind == "string" else f"{start:g}{behind(variable.unit)}"
+                    self._say(f"{name}.{variable.name} is not connected: it stays at its start value, {shown}")
         if loop := wires.algebraic_loop(participants.values(), resolved):
             known = all(p.dependencies_declared for p in participants.values())
             self._say(("algebraic loop " if known else "possible algebraic loop (dependencies not declared) ")

@@ -289,6 +289,13 @@ def test_causes_that_act_together_are_told_with_what_they_have_together():
     assert "drive next: ramp in gear 4, 3 times: because" in "\n".join(cli._summary(again))
 
 
+def test_a_factor_is_told_without_a_unit():
+    lash = {"backlash": {"nominal": 1.0, "value": 1.5, "low90": 1.4, "high90": 1.6, "unit": "1"}}
+    lines = cli._summary({**FINDING, "causes": [{"effect": "backlash_size", "probability": 0.9, "parameters": lash}]})
+    assert "   90 % backlash_size: backlash 1.5 [1.4, 1.6] (file: 1)" in lines
+    assert any("[7.4, 7.6] N.m/rad (file: 10)" in line for line in cli._summary(FINDING))
+
+
 def test_manoeuvres_to_hide_in_are_listed_or_repeated(monkeypatch):
     asked = []
     monkeypatch.setattr("cosim.diagnosis.hidden.hide", lambda *args, manoeuvres, **kwargs: asked.append(manoeuvres))

@@ -279,6 +279,8 @@ def test_what_no_size_of_shows_in_a_vehicle_is_not_said_to_be_hidden(tmp_path, m
     (["vehicle_mass=9"], "from 0.7 to 1.6 is plausible"),
     (["suspension_mode=-1e-6"], "from 0 to 1e-05 is plausible"),
     (["backlash_location=0.05"], "from -0.0160745 to 0.0439823 is plausible"),
+    (["clock_drift=1"], "from -0.02 to 0.02 is plausible, a pure number\n"),
+    (["outside:engine_mount_coupling=500"], "from 0 to 400 is possible"),
     (["--vehicle", "emps"], "has no gears"),
     (["torque_meter_filter=0", "--variant", "baseline"], "changes nothing"),
     (["torque_meter_filter=-0.01", "--variant", "baseline"], "from 0 to 0.2 is plausible"),

@@ -31,7 +31,7 @@ from cosim.diagnosis.hidden.model import PRE_ROLL, packed, simulate
 from cosim.diagnosis.hidden.outside import OUTSIDE, PREFIX
 from cosim.diagnosis.hidden.recordings import Drive, asked, driven, logged, usual, write
 from cosim.files import replacing
-from cosim.messages import did_you_mean
+from cosim.messages import behind, did_you_mean
 from driveline import vehicles
 from driveline.plants.full_order import FullOrderParameters
 from driveline.quantities import InputError
@@ -301,7 +301,7 @@ def _outside_size(name: str, text: str, random: np.random.Generator) -> float:
         return float(random.uniform(*about.sizes))
     size = units.in_unit(text, about.unit, PREFIX + name)
     if not 0.0 <= size <= about.limit:
-        raise InputError(f"{PREFIX}{name}={text}: from 0 to {about.limit:g} {about.unit} is possible")
+        raise InputError(f"{PREFIX}{name}={text}: from 0 to {about.limit:g}{behind(about.unit)} is possible")
     return size
 
 

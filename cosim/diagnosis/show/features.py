@@ -19,6 +19,7 @@ from scipy.signal import savgol_coeffs, savgol_filter
 from cosim.diagnosis.plants import Run
 from cosim.diagnosis.plants.gaps import known
 from cosim.measured import CANONICAL
+from cosim.messages import behind
 
 Key = tuple[str, str]  # signal, feature
 
@@ -414,7 +415,7 @@ def _vertex(grid: np.ndarray, heights: np.ndarray, i: int) -> float:
 def words(signal: str, feature: str, measured: float, simulated: float) -> str:
     """How an engineer tells a difference."""
     kind, unit = FEATURES[feature], unit_of(signal, feature)
-    unit = "" if unit == "1" else f" {unit}"
+    unit = behind(unit)
     size = simulated - measured
     if feature == "lag":
         return f"measured {abs(size) * 1e3:.0f} ms {'later' if size < 0.0 else 'earlier'} than simulated"
