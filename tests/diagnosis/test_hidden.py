@@ -354,6 +354,20 @@ def test_a_vehicle_file_that_the_plant_refuses_is_refused_as_there(entry, writte
     assert [path.name for path in tmp_path.iterdir()] == ["mine.toml"]
 
 
+def test_a_vehicle_file_without_a_torque_meter_is_as_good(tmp_path, monkeypatch):
+    """It was a KeyError: then the meter filters as the plant's does, which is as the thesis's does."""
+    monkeypatch.chdir(tmp_path)
+    shipped = resources.files("driveline.vehicles").joinpath("suv_6l80.toml").read_text()
+    shipped = re.sub(r"(\[torque_meter\]\nenabled = { value = )false", r"\1true", shipped)
+    bare = re.sub(r"(?ms)^\[torque_meter\]\n.*?(?=^\[|\Z)", "", shipped)
+    assert shipped.count("\n[") == bare.count("\n[") + 1
+    for name, text in (("whole", shipped), ("bare", bare)):
+        pathlib.Path("car.toml").write_text(text)
+        hide(["vehicle_mass=1.1"], 1, tmp_path / name, vehicle="car.toml", manoeuvres=SHORT)
+    whole, bare = contents(tmp_path / "whole"), contents(tmp_path / "bare")
+    assert [name for name in whole if whole[name] != bare[name]] == ["car.toml"]
+
+
 def test_a_vehicle_file_of_ones_own_goes_with_the_measurement(tmp_path):
     from driveline import vehicles
 

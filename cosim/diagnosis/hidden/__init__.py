@@ -34,7 +34,7 @@ from cosim.files import replacing
 from cosim.messages import behind, did_you_mean
 from driveline import vehicles
 from driveline.plants.full_order import FullOrderParameters
-from driveline.quantities import InputError
+from driveline.quantities import InputError, parameter_variables
 
 STRUCTURES = ("same", "other")
 DRIFTS = ("nuisance", "all", "none")
@@ -183,15 +183,15 @@ def usual_variant(vehicle: str) -> str | None:
 
 
 def _file_values(vehicle: str, variant: str | None) -> dict[str, float]:
-    """All numbers of a car's vehicle file, which are those that the plant declares.
+    """All numbers of a car's vehicle file, which are those that the plant declares; the meter's also where it has none.
 
     Raises:
         InputError: No such vehicle or variant, it is a bench, or the plant refuses the file.
     """
     read = vehicles.load(vehicle, variant)
     highest_gear(read.values)  # first: of a bench the numbers of a car are missing too
-    read.parameters(FullOrderParameters)
-    return dict(read.values)
+    meter = parameter_variables(read.parameters(FullOrderParameters).torque_meter, "torque_meter.")
+    return {**{number.name: number.start for number in meter}, **read.values}
 
 
 def _check_simulated(name: str, values: Mapping[str, float], nominal: Mapping[str, float], gears: Collection[int],
