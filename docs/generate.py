@@ -306,11 +306,11 @@ def result_page() -> str:
 
 
 def with_tables(readme: str) -> str:
-    """The README with its tables as the results have them."""
+    """The README with its tables as the results have them, and the number of effects."""
     for name, made in (("main table", main_table), ("estimator table", estimator_table)):
         content = made()
         readme = between(name).sub(lambda match, content=content: f"{match[1]}{content}{match[2]}", readme)
-    return readme
+    return re.sub(r"\[\d+ effects\]", f"[{len(CATALOGUE)} effects]", readme)
 
 
 def run_studies(names: Iterable[str], measurement: Path | None = None) -> None:

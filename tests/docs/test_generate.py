@@ -31,6 +31,12 @@ def test_every_effect_is_on_the_page_with_all_its_parameters(pages):
         assert all(f"`{parameter.name}`" in page for parameter in effect.parameters)
 
 
+def test_the_readme_counts_them(pages):
+    readme = pages[generate.README]
+    assert f"[{len(generate.CATALOGUE)} effects](docs/effects.md)" in readme
+    assert generate.with_tables(readme.replace(f"[{len(generate.CATALOGUE)} effects]", "[7 effects]")) == readme
+
+
 def test_results_that_are_kept_are_those_of_studies_that_exist(pages):
     page = pages[generate.FOLDER / "results.md"]
     kept = [path.stem for path in generate.RESULTS.glob("*.json")]
