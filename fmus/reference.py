@@ -1,18 +1,19 @@
 """A short run of every model, for whoever imports its FMU to compare with: NAME_reference.csv.
 
-    python -m fmus.reference
+    python -m fmus.reference [NAME ...]
 
-writes each beside the slave it belongs to, from the model in process; packaging puts it into the
-FMU's documentation. A tip-in in fifth gear from 12 m/s: the requested torque is -30 N.m, from 0.2 s on
-it rises by 250 N.m/s. The first row holds the inputs and outputs at the start; then a row every 10 ms
-holds the inputs of the step that ends there and the outputs at its end. The estimators get the frames of
-the full-order plant in that run.
+writes those of some models, all by default, each beside the slave it belongs to, from the model in process;
+packaging puts it into the FMU's documentation. A tip-in in fifth gear from 12 m/s: the requested torque is
+-30 N.m, from 0.2 s on it rises by 250 N.m/s. The first row holds the inputs and outputs at the start; then a
+row every 10 ms holds the inputs of the step that ends there and the outputs at its end. The estimators get
+the frames of the full-order plant in that run.
 """
 
 from __future__ import annotations
 
+import argparse
 import csv
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -76,11 +77,11 @@ def run(name: str) -> tuple[list[str], np.ndarray]:
     return ["time", *inputs, *outputs], np.array(rows)
 
 
-def write() -> Iterator[Path]:
-    """Write the reference of every FMU beside its slave; gives each path."""
-    for name, folder in FMUS.items():
+def write(names: Iterable[str] = tuple(FMUS)) -> Iterator[Path]:
+    """Write the reference of every FMU named beside its slave; gives each path."""
+    for name in names:
         columns, rows = run(name)
-        path = HERE / folder / f"{name}_reference.csv"
+        path = HERE / FMUS[name] / f"{name}_reference.csv"
         with path.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(columns)
@@ -89,5 +90,10 @@ def write() -> Iterator[Path]:
 
 
 if __name__ == "__main__":
-    for written in write():
+    parser = argparse.ArgumentParser(description="Write the reference results of FMUs beside their slaves.")
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"some of {', '.join(FMUS)} (default: all)")
+    wanted = parser.parse_args().names or [*FMUS]
+    if unknown := sorted({*wanted} - {*FMUS}):
+        parser.error(f"there is no {unknown[0]}: there are {', '.join(FMUS)}")
+    for written in write(wanted):
         print(written.relative_to(HERE.parent))

@@ -114,7 +114,7 @@ def test_distrusts_itself_while_frames_are_missing_and_recovers(name, missing):
     assert trusted[gap.start - 1] == 1.0
     assert not trusted[gap.start + 5:gap.stop].any()
     assert trusted[-1] == 1.0 and trusted[gap.stop + 100:].mean() > 0.5
-    if name != "dskse":
+    if "lash_size" in [v.name for v in estimator.output_variables]:
         size = found[-1, estimator_output(estimator, "lash_size")]
         assert size == pytest.approx(2.0 * make("dskse")["shaft.half_gap"], rel=0.03)
 
@@ -144,7 +144,7 @@ def test_what_is_set_once_is_measured_once(name, step):
         assert step > 20 or estimator["lash_size"] == pytest.approx(2.0 * make("dskse")["shaft.half_gap"], rel=0.02)
     elif name == "tkbse":
         assert not any(trusted)
-    else:
+    elif name == "dskse":
         assert any(trusted) == (step <= 50)
 
 
