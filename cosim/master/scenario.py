@@ -277,6 +277,9 @@ class Scenario:
         elif given is None and path.exists() and description:
             with self._file.at("measurement", min(description)):
                 raise InputError(f"what is in {path} is said by its measurement.toml: not here too")
+        elif given is None and not path.exists():
+            with self._file.at("measurement", "path"):
+                raise InputError(f"there is no measurement {path}")
         measurement = load_measurement(path, description)
         if "name" in entry:
             with self._file.at("measurement", "name"):

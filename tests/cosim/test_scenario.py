@@ -261,6 +261,8 @@ def test_a_parameter_can_be_what_was_measured_at_the_start(folder):
     ("[connections]", '[measurement]\npath = "log.csv"\nmanoeuvre = {}\n[connections]', r"manoeuvre: .*a list is"),
     ("[connections]", '[measurement]\npath = "m"\n[measurement.channels.gear]\ncolumn = "g"\n[connections]',
      r"line 26: measurement.channels: what is in .*m is said by its measurement.toml"),
+    ("[connections]", '[measurement]\npath = "gone"\n[connections]',
+     r"line 27: measurement.path: there is no measurement .*gone$"),
 ])
 def test_what_is_wrong_is_named_with_file_and_key(folder, old, new, words):
     assert old in TEXT
