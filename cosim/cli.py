@@ -327,8 +327,9 @@ def _summary(finding: dict[str, Any]) -> list[str]:
     if len(together := finding["together"]) > 1:
         lines.append(f"  {100 * joint_probability(finding, together):3.0f} % these together: {', '.join(together)}")
     for cause in finding["causes"]:
-        numbers = ", ".join(f"{name} {p['value']:.4g} [{p['low90']:.4g}, {p['high90']:.4g}]{behind(p['unit'])} "
-                            f"(file: {p['nominal']:.4g})" for name, p in cause["parameters"].items())
+        numbers = ", ".join(f"{name} {_number(p['value'])} [{_number(p['low90'])}, {_number(p['high90'])}]"
+                            f"{behind(p['unit'])} (file: {_number(p['nominal'])})"
+                            for name, p in cause["parameters"].items())
         lines.append(f"  {100 * cause['probability']:3.0f} % {cause['effect']}: {numbers}")
     if unknown := finding["unknown"]:
         what, unit = missing(unknown)
@@ -351,10 +352,16 @@ def _summary(finding: dict[str, Any]) -> list[str]:
         lines += [f"  {row['signal']}: error {100 * row['nrmse_before']:.2f} % before, "
                   f"{100 * row['nrmse_after']:.2f} % after, of the range" for row in gain["held_out"]]
         were_wrong = {(entry["signal"], entry.get("feature")) for entry in finding["wrong"][:5]}
-        lines += [f"  {row['signal']}: {row['feature']} {row['measured']:.4g} measured, {row['before']:.4g} before, "
-                  f"{row['after']:.4g} after" + f" [{row['unit']}]" * (row["unit"] != "1")
+        lines += [f"  {row['signal']}: {row['feature']} {_number(row['measured'])} measured, "
+                  f"{_number(row['before'])} before, {_number(row['after'])} after"
+                  + f" [{row['unit']}]" * (row["unit"] != "1")
                   for row in gain.get("features", ()) if (row["signal"], row["feature"]) in were_wrong]
     return lines
+
+
+def _number(value: float) -> str:
+    """Four digits, without an exponent where five or six places do: 10750."""
+    return f"{float(f'{value:.4g}'):g}"
 
 
 def _hide(options: argparse.Namespace) -> tuple[Any, str]:

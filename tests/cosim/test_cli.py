@@ -296,6 +296,16 @@ def test_a_factor_is_told_without_a_unit():
     assert any("[7.4, 7.6] N.m/rad (file: 10)" in line for line in cli._summary(FINDING))
 
 
+@pytest.mark.parametrize(("value", "shown"), [
+    (10748.0, "10750"), (8037.3, "8037"), (123456.0, "123500"), (0.98765, "0.9877"), (-4.7e-10, "-4.7e-10"), (0, "0")])
+def test_numbers_of_a_cause_are_written_alike(value, shown):
+    """A stiffness was 8037 N.m/rad, and 1.075e+04 in the file."""
+    shaft = {"axle_shaft_stiffness": {**dict.fromkeys(("nominal", "value", "low90", "high90"), value), "unit": "1"}}
+    cause = {"effect": "shaft_stiffness", "probability": 0.9, "parameters": shaft}
+    told = f"   90 % shaft_stiffness: axle_shaft_stiffness {shown} [{shown}, {shown}] (file: {shown})"
+    assert told in cli._summary({**FINDING, "causes": [cause]})
+
+
 def test_manoeuvres_to_hide_in_are_listed_or_repeated(monkeypatch):
     asked = []
     monkeypatch.setattr("cosim.diagnosis.hidden.hide", lambda *args, manoeuvres, **kwargs: asked.append(manoeuvres))
