@@ -303,11 +303,13 @@ def test_what_is_wrong_in_many_stretches_of_a_bench_is_shown_in_the_worst():
 def test_the_gain_is_told_without_exponents():
     row = {"manoeuvre": "r2", "signal": "force", "nrmse_before": 1.35, "nrmse_after": 0.02, "noise_floor": None}
     remains = {"share": 12.34, "low": 10.4, "high": 14.7, "blocks": 15, "alone": 9.1}
-    gain = {"held_out": [row], "fraction_of_noise_floor": 150.0, "remains": remains}
+    estimators = [{"estimator": "DSKSE", "quantity": "torque", "before": 5.79, "after": 3.75, "unit": "N.m"}]
+    gain = {"held_out": [row], "fraction_of_noise_floor": 150.0, "remains": remains, "estimators": estimators}
     said = " ".join(words(render(bench("cause", gain=gain))).split())
     assert "error 135 % of the range before, 2 % after" in said and "150 times the noise floor" in said
     assert "15 of them, which count as 9.1, as neighbours are alike), 1234 % of it remain" in said
     assert "95 %: 1040 to 1470 %." in said
+    assert "DSKSE torque 5.79 3.75 N\N{MIDDLE DOT}m" in said
 
 
 def test_a_cause_that_no_single_feature_shows_is_told_with_what_it_rests_on(base, pages):

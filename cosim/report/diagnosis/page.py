@@ -292,7 +292,7 @@ def _gain(gain: Mapping[str, Any] | None) -> dict[str, Any] | None:
             "features": [{**row, "signal": words(row["signal"]), "unit": shown_unit(row["unit"]),
                           **{key: svg.number(row[key]) for key in ("measured", "before", "after")}}
                          for row in gain.get("features") or []],
-            "estimators": gain.get("estimators") or []}
+            "estimators": [{**row, "unit": shown_unit(row["unit"])} for row in gain.get("estimators") or []]}
 
 
 _TEMPLATES = jinja2.Environment(loader=jinja2.PackageLoader("cosim.report.diagnosis", ""), autoescape=True,
