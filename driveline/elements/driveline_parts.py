@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from ..quantities import InputError, quantity
 from .shaft import Bushing, Shaft
 
+GEARS = (-1, 0, *range(1, 11))  # the gear each of the twelve entries of a gear table belongs to
 # What ratios of any driveline are within.
 GEAR_RATIO = {"minimum": -50.0, "maximum": 50.0}
 FINAL_DRIVE_RATIO = {"minimum": 0.1, "maximum": 20.0}
@@ -27,7 +28,7 @@ class DualMassFlywheel(Shaft):
 class Transmission(Shaft):
     """The automatic gearbox: ratios and inertias by gear, losses, lash and stiffness at its input.
 
-    Tables have one entry for reverse, neutral, then gears 1, 2 ...; a ratio of 0 marks a gear that
+    Tables have one entry for reverse, neutral, then gears 1 to 10; a ratio of 0 marks a gear that
     does not exist. Reverse has a negative ratio, all others have positive ones.
     """
 
@@ -48,7 +49,10 @@ class Transmission(Shaft):
             if len(getattr(self, name)) != len(self.ratio):
                 raise InputError(f"transmission.{name} has {len(getattr(self, name))} entries: "
                                  f"transmission.ratio has {len(self.ratio)}")
-        for gear, ratio in enumerate(self.ratio, start=-1):
+        if len(self.ratio) != len(GEARS):  # entries that are not said would stay what an FMU was built with
+            raise InputError(f"transmission.ratio has {len(self.ratio)} entries: {len(GEARS)} are needed, reverse, "
+                             f"neutral and gears 1 to {GEARS[-1]}, 0 where there is no such gear")
+        for gear, ratio in zip(GEARS, self.ratio, strict=True):
             if gear != 0 and ratio * gear < 0.0:
                 raise InputError(f"{in_gear('ratio', gear)} is {ratio:g}: gear {gear} needs a "
                                  f"{'positive' if gear > 0 else 'negative'} ratio, or 0 where there is no such gear")

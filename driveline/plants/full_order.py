@@ -42,8 +42,6 @@ from ..sensors.torque_meter import TorqueMeter
 from .assembly import GROUND, Assembly, ByGear, Network, Term
 from .plant import Plant
 
-GEARS = 12  # reverse, neutral, 1 to 10
-
 
 @dataclass(frozen=True)
 class Start:

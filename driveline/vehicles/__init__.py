@@ -15,12 +15,12 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from ..elements.driveline_parts import GEARS
 from ..elements.planetary import NEUTRAL, Gearbox, PlanetarySet, ShiftElement
 from ..quantities import InputError, Variable, declared, from_values, parameter_variables, spelled_for_pint
 from ..toml import read_toml
 
 BASELINE = "baseline"
-GEARS = (-1, 0, *range(1, 11))  # the gear each of the twelve entries of a gear table belongs to
 _FOLDER = Path(__file__).parent
 _NUMBERED = re.compile(r"^(.*)\[(\d+)\]$")
 

@@ -16,6 +16,17 @@ def test_a_gear_table_of_another_length_is_refused_by_name(table):
         from_values(Transmission, values, "transmission.")
 
 
+@pytest.mark.parametrize("count", [7, 13])
+def test_gear_tables_are_of_one_length_however_many_gears_there_are(count):
+    """Of the shipped FMU the other entries stayed: a car of five gears drove in seventh, with the pickup's ratio."""
+    values = load("suv_6l80").values
+    tables = {f"transmission.{table}[{i}]": values[f"transmission.{table}[{min(i, 12)}]"] for i in range(1, count + 1)
+              for table in ("ratio", "inertia", "loss_constant", "loss_viscous", "loss_fraction")}
+    rest = {name: value for name, value in values.items() if not name.endswith("]")}
+    with pytest.raises(InputError, match=f"ratio has {count} entries: 12 are needed"):
+        from_values(Transmission, rest | tables, "transmission.")
+
+
 @pytest.mark.parametrize(("entry", "ratio", "message"), [
     (1, 3.064, r"ratio\[1\] is 3.064: gear -1 needs a negative ratio"),
     (7, -1.52, r"ratio\[7\] is -1.52: gear 5 needs a positive ratio")])
