@@ -36,7 +36,7 @@ from ..elements.torque_ripple import TorqueRipple
 from ..elements.two_stage_stiffness import FirstStage
 from ..elements.tyre import Tyre
 from ..kernels import layout as k
-from ..quantities import InputError, Variable, quantity
+from ..quantities import InputError, Variable, parameter_variables, quantity
 from ..sensors.can_signal import CanSignal, CanVehicleSpeed
 from ..sensors.torque_meter import TorqueMeter
 from .assembly import GROUND, Assembly, ByGear, Network, Term
@@ -190,11 +190,14 @@ class FullOrderPlant(Plant):
     def defaults_from(cls, vehicle, gear: int = 5) -> dict[str, float]:
         """Start values from a vehicle file; the gear is an input of this plant.
 
+        What the file need not say is there as well, or an FMU would keep what it was built with: another vehicle's.
+
         Raises:
             InputError: The file lacks a number, or has one that is no parameter, or out of range.
         """
-        vehicle.parameters(cls.Parameters)
-        return {**vehicle.values, "gear": float(gear)}
+        declared = parameter_variables(vehicle.parameters(cls.Parameters))
+        values = {v.name: v.start for v in declared if not v.name.startswith(("start.", "solver."))}
+        return {**values, **vehicle.values, "gear": float(gear)}
 
     def _gear_exists(self, gear: int) -> bool:
         name = in_gear("ratio", gear)

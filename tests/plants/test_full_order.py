@@ -1,5 +1,8 @@
 """The full-order plant: kinematics, inertia as felt, momentum, gear changes, standstill, converter."""
 
+import re
+from importlib import resources
+
 import numpy as np
 import pytest
 from runs import events, input_rows, ledger, plant, run, start_values, steps, turnover
@@ -7,6 +10,7 @@ from runs import events, input_rows, ledger, plant, run, start_values, steps, tu
 from driveline.elements.road_load import GRAVITY
 from driveline.kernels import layout as k
 from driveline.plants.full_order import FullOrderPlant
+from driveline.vehicles import load
 
 GEARS = range(1, 11)
 FREE = {  # no load from outside but the engine's torque, which is what is asked for
@@ -443,3 +447,18 @@ def test_inputs_that_cannot_be_written_to_are_simulated():
     rows = input_rows(model, 0.01, 1e-3)
     rows.setflags(write=False)
     assert np.isfinite(model.simulate(rows, 1e-3)).all()
+
+
+def test_what_a_vehicle_file_need_not_say_is_set_as_well(tmp_path):
+    """Of the FMU that is built from the pickup its resolution of the wheel speed stayed for a car that has none."""
+    shipped = resources.files("driveline.vehicles").joinpath("pickup_10r80.toml").read_text()
+    bare = re.sub(r"(?ms)^\[wheel_speed_sensor\]\n.*?(?=^\[)", "", shipped)
+    (tmp_path / "bare.toml").write_text(bare)
+    file = load(tmp_path / "bare.toml")
+    values = FullOrderPlant.defaults_from(file)
+    model = plant("plant_fom", initialize=False)
+    assert model["wheel_speed_sensor.resolution"] == 0.01 and "wheel_speed_sensor.resolution" not in file.values
+    assert values["wheel_speed_sensor.resolution"] == values["torque_ripple.amplitude"] == 0.0
+    parameters = {variable.name for variable in model.variables if variable.causality == "parameter"}
+    assert {name.partition(".")[0] for name in parameters - values.keys()} == {"start", "solver"}
+    assert file.values.items() <= values.items() and values.keys() - parameters == {"gear"}
