@@ -241,16 +241,21 @@ def test_small_faults_of_the_clock_are_repaired_and_said(tmp_path, caplog):
 
 @pytest.mark.parametrize("distance", [0.001, 0.0031, 0.0033, 0.007])
 @pytest.mark.parametrize("read", [np.round, np.floor])
-def test_samples_that_share_a_coarse_reading_of_the_clock_are_spread_evenly_about_it(tmp_path, distance, read):
+@pytest.mark.parametrize("begin", [1.2342, 1.2402])  # within a step of the clock, or with one
+def test_samples_that_share_a_coarse_reading_of_the_clock_are_spread_evenly_about_it(tmp_path, distance, read, begin):
     """Of a torque every 3.3 ms under stamps of 10 ms the first of three was kept, 3 ms late beside slower channels."""
-    true = 1.2342 + np.arange(0.0, 5.0, distance)
-    rows = "".join(f"{t:.2f},{v:.9f}\n" for t, v in zip(read(true * 100.0) / 100.0, true))
+    true = begin + np.arange(0.0, 5.0, distance)
+    readings = read(true * 100.0) / 100.0
+    rows = "".join(f"{t:.2f},{v:.9f}\n" for t, v in zip(readings, true))
     (tmp_path / "a.csv").write_text("time,force\n" + rows)
     manoeuvre = load(tmp_path / "a.csv").manoeuvres[0]
     late = manoeuvre["force"].time - manoeuvre["force"].values
     assert late.size == true.size and (np.diff(manoeuvre["force"].time) > 0.0).all()
     assert np.mean(late) == pytest.approx(0.0 if read is np.round else -0.005, abs=0.6 * distance)  # of slow ones too
     assert np.abs(late - np.mean(late)).max() < distance
+    reading, first, count = np.unique(readings, return_index=True, return_counts=True)
+    about = np.add.reduceat(manoeuvre["force"].time, first) / count
+    assert about[1:-1] == pytest.approx(reading[1:-1], abs=1e-9)
     spread, doubt = manoeuvre.notices
     assert "spread evenly" in spread and all("read every 0.01 s" in notice for notice in (spread, doubt))
 
@@ -282,6 +287,9 @@ def test_an_angle_that_starts_again_after_every_turn_is_unwound(tmp_path, caplog
     whole = load(tmp_path / "a.csv", description).manoeuvres[0]
     assert np.abs(np.diff(angle)).max() > np.pi and not whole.notices
     assert whole["motor_position"].values == pytest.approx(angle, abs=1e-5)
+    (tmp_path / "b.csv").write_text("time,motor_position [deg]\n0,0\n1,100\n2,300\n3,400\n")
+    little = load(tmp_path / "b.csv").manoeuvres[0]  # more than one turn, from the first to the last
+    assert np.degrees(little["motor_position"].values) == pytest.approx([0, 100, 300, 400]) and not little.notices
 
 
 def test_a_clock_of_its_own_that_ends_before_the_others_loses_nothing(tmp_path):
@@ -493,9 +501,10 @@ def test_a_clock_without_values_is_named_as_the_clock(tmp_path):
     (tmp_path / "a.csv").write_text("time,force\n,1\n,2\n")
     with pytest.raises(InputError, match="a.csv: the time of column 'force' holds no values$"):
         load(tmp_path / "a.csv")
-    (tmp_path / "a.csv").write_text("time,force\n,\n1,\n")
-    with pytest.raises(InputError, match="a.csv: column 'force' holds no values$"):
-        load(tmp_path / "a.csv")
+    for rows in (",\n1,\n", ",3\n1,\n"):
+        (tmp_path / "a.csv").write_text("time,force\n" + rows)
+        with pytest.raises(InputError, match="a.csv: column 'force' holds no values$"):
+            load(tmp_path / "a.csv")
 
 
 def test_other_files_have_no_groups(tmp_path):
