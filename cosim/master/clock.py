@@ -1,12 +1,11 @@
 """Time as whole numbers of nanoseconds: it is counted, never added up.
 
-Every rate is an integer number of nanoseconds and all rates start together, so the base tick is their
-greatest common divisor; the clock visits only those ticks on which something is due.
+Every step length is a whole number of nanoseconds and all start together; the clock visits only those
+nanoseconds at which something is due.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -57,11 +56,6 @@ class Clock:
                              f"{start / PER_SECOND:g} s: a later stop is needed")
         self.start, self.stop = start, stop
         self.periods = tuple(sorted(set(periods)))
-
-    @property
-    def base(self) -> int:
-        """The base tick [ns]: greatest common divisor of all periods."""
-        return math.gcd(*self.periods)
 
     def bit(self, period: int) -> int:
         """The bit of ``period`` in an event's mask."""
