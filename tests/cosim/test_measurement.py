@@ -9,6 +9,7 @@ import pytest
 
 from cosim.master import Result
 from cosim.measured import CANONICAL, compare, load
+from cosim.measured.columns import listed
 from cosim.measured.measurement import KINDS
 from driveline.quantities import InputError
 
@@ -505,6 +506,12 @@ def test_a_clock_without_values_is_named_as_the_clock(tmp_path):
         (tmp_path / "a.csv").write_text("time,force\n" + rows)
         with pytest.raises(InputError, match="a.csv: column 'force' holds no values$"):
             load(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize(("names", "words"), [("", ""), ("a", "a"), ("ab", "a and b"), ("abc", "a, b and c"), (
+    "abcdefgh", "a, b, c, d, e, f, g and h"), ("abcdefghi", "a, b, c, d, e, f, g, h, ...")])
+def test_names_in_a_sentence(names, words):
+    assert listed(list(names)) == words
 
 
 def test_other_files_have_no_groups(tmp_path):
