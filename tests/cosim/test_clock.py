@@ -26,15 +26,15 @@ def test_visits_every_multiple_of_every_period_once_and_ends_at_the_stop(
         assert clock.count(period) == due.size + (stop % period > 0)
 
 
-@pytest.mark.parametrize("step", [0.0007, 0.1, 0.3, 1e-9, 0.000123457, 86400.000000001])
+@pytest.mark.parametrize("step", [0.0007, 0.1, 0.3, 1e-9, 0.000123457, 68080.035637, 86400.000000001])
 def test_a_step_written_in_seconds_is_that_many_nanoseconds(step):
     assert step_length(step, "step") / 1e9 == step
+    assert nanoseconds(-step, "start") == -step_length(step, "step")
 
 
 @pytest.mark.parametrize(("seconds", "words"), [
-    (1 / 3, "whole number of nanoseconds"), (1 / 1024, "whole number"), (float("nan"), "at most"),
-    (float("inf"), "at most"),
-    (1e9, "at most"), (0.5e-9, "whole number")])
+    (1 / 3, "whole number of nanoseconds"), (2 / 3, "whole number"), (1 / 1024, "whole number"),
+    (float("nan"), "at most"), (float("inf"), "at most"), (1e9, "at most"), (0.5e-9, "whole number")])
 def test_times_between_two_nanoseconds_are_refused(seconds, words):
     with pytest.raises(InputError, match=words):
         nanoseconds(seconds, "step")

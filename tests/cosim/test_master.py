@@ -1,5 +1,6 @@
 """The master's laws: what a step sees, where time ends, FMU equals twin, and what is refused."""
 
+import functools
 import logging
 import math
 import os
@@ -15,6 +16,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import toys
+from hypothesis import given
+from hypothesis import strategies as st
 
 from cosim.master import (
     Constant,
@@ -151,6 +154,77 @@ def test_two_in_a_loop_differ_by_order_as_derived_by_hand(order):
             b = b + a
         expected.append((a, b))
     assert list(zip(result["a.y"], result["b.y"])) == expected
+
+
+class Mixer(Model):
+    """y(k+1) = y(k) / 2 + warm(k) - cold(k) / 4 + dt, in kelvin, of inputs in other units."""
+
+    name = "mixer"
+
+    def __init__(self, start: float) -> None:
+        self.variables = (Variable("warm", "degC", "input", "input", "continuous", start=3.0),
+                          Variable("cold", "degF", "input", "input", "continuous", start=-2.0),
+                          Variable("y", "K", "output", "output", "continuous", start=start))
+        super().__init__()
+
+    def _prepare(self) -> None:
+        self.state = np.zeros(1)
+
+    def _initialize(self, start_time: float) -> None:
+        self.state[0] = self.values[2]
+
+    def _step(self, time: float, dt: float) -> None:
+        self.values[2] = self.state[0] = 0.5 * self.state[0] + self.values[0] - 0.25 * self.values[1] + dt
+
+
+@given(gauss_seidel=st.booleans(), periods=st.lists(st.integers(1, 6), min_size=3, max_size=3), stop=st.integers(1, 20),
+       every=st.integers(1, 4),
+       sources=st.lists(st.sampled_from(["", "signal", "a.y", "b.y", "c.y"]), min_size=6, max_size=6))
+def test_every_step_sees_its_beginning_and_in_gauss_seidel_the_end_of_those_before_it(
+        gauss_seidel, periods, stop, every, sources):
+    """Whoever is connected to whom, at whatever rates [ms], with whatever conversion."""
+    names = "abc"
+    master = Master(step=1e-3, order="gauss-seidel" if gauss_seidel else "jacobi")
+    for name, period, start in zip(names, periods, (1.0, 20.0, 300.0)):
+        master.add(name, Mixer(start), step=period * 1e-3)
+    wires = dict(zip([(name, entry) for name in names for entry in ("warm", "cold")], sources))
+    ramp = Ramp(before=-5.0, after=50.0, time=0.0, duration=0.02, unit="K")
+    master.signal("signal", ramp).record("*", step=every * 1e-3)
+    for (name, entry), source in wires.items():
+        if source:
+            master.connect(source, f"{name}.{entry}")
+    result = master.run(stop=stop * 1e-3)
+
+    def begun(name, tick):  # beginning of the last step that began at or before it
+        period = periods[names.index(name)]
+        return tick if tick == stop else tick // period * period
+
+    @functools.cache
+    def output(name, tick):
+        end = begun(name, tick)
+        if end == 0:
+            return (1.0, 20.0, 300.0)[names.index(name)]
+        begin = begun(name, end - 1)
+        warm, cold = (seen(name, entry, begin, end) for entry in ("warm", "cold"))
+        return 0.5 * output(name, begin) + warm - 0.25 * cold + 1e-3 * (end - begin)
+
+    def seen(name, entry, begin, end):
+        source = wires[name, entry]
+        if not source:
+            return {"warm": 3.0, "cold": -2.0}[entry]
+        if source == "signal":
+            kelvin = float(ramp.values(np.array(1e-3 * begin)))
+        else:
+            kelvin = output(source[0], end if gauss_seidel and source[0] < name else begin)
+        return kelvin - 273.15 if entry == "warm" else 1.8 * (kelvin - 273.15) + 32.0
+
+    ticks = [*range(0, stop, every), stop]
+    for name in names:
+        expected = [output(name, tick) for tick in ticks]
+        assert result[f"{name}.y"] == pytest.approx(expected, rel=1e-10, abs=1e-9)
+        for entry in ("warm", "cold"):  # as sampled where the present step began
+            expected = [seen(name, entry, begun(name, tick), begun(name, tick)) for tick in ticks]
+            assert result[f"{name}.{entry}"] == pytest.approx(expected, rel=1e-10, abs=1e-9)
 
 
 def test_jacobi_does_not_depend_on_who_was_added_first():
