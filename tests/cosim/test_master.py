@@ -290,6 +290,45 @@ def test_a_connection_converts_units_and_says_so():
     assert any("a.y [rad] -> b.u [deg]" in notice and "57.29" in notice for notice in master.notices)
 
 
+class Holder(Model):
+    """y is u, a step later."""
+
+    name = "holder"
+
+    def __init__(self, unit: str, **limits: float) -> None:
+        self.variables = (Variable("u", unit, "input", "input", "continuous", **limits),
+                          Variable("y", unit, "the same", "output", "continuous"))
+        super().__init__()
+
+    def _prepare(self) -> None:
+        self.state = np.zeros(1)
+
+    def _initialize(self, start_time: float) -> None:
+        self.state[0] = self.values[1] = self.values[0]
+
+    def _step(self, time: float, dt: float) -> None:
+        self.values[1] = self.state[0] = self.values[0]
+
+
+@pytest.mark.parametrize(("source", "target", "notice"), [
+    ("", "", "a.y -> b.u: neither declares a unit, nothing was checked"),
+    ("rad", "", "a.y -> b.u: b.u declares no unit, taken as 'rad'"),
+    ("", "rad", "a.y -> b.u: a.y declares no unit, taken as 'rad'")])
+def test_a_value_whose_unit_nobody_declares_passes_as_it_is_and_that_is_said(source, target, notice):
+    master = Master(step=0.1).add("a", Holder(source)).add("b", Holder(target)).connect(3.0, "a.u")
+    result = master.connect("a.y", "b.u").run(stop=0.3)
+    assert result["b.y"].tolist() == [3.0] * 4 and notice in master.notices
+
+
+def test_the_range_of_an_input_is_in_its_own_unit():
+    """A signal in degrees at an input of at most one radian is refused where it gets there, and not before."""
+    master = Master(step=0.1).add("a", Holder("rad", minimum=-1.0, maximum=1.0))
+    master.connect(Ramp(before=0.0, after=90.0, time=0.0, duration=9.0, unit="deg"), "a.u")
+    assert master.run(stop=5.7)["a.y"][-1] == pytest.approx(np.radians(56.0))
+    with pytest.raises(InputError, match=r"^signal 'a.u' at t = 5.8 s: a.u is 1.01\d* rad: at most 1 is possible"):
+        master.run(stop=9.0)
+
+
 def test_start_values_travel_along_connections_whatever_the_order():
     """A participant is initialized with what its source starts with, even if it was added first."""
     result = (Master(step=1e-2).add("b", lag(time_constant=1.0)).add("a", lag(start_angle=2.0))
