@@ -29,8 +29,8 @@ class Connection:
 
     source: str
     target: str
-    factor: float = 1.0
-    offset: float = 0.0
+    factor: float
+    offset: float
 
 
 def find(name: str, participants: Mapping[str, Participant]) -> tuple[Participant, Variable]:
