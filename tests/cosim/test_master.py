@@ -686,6 +686,8 @@ def pair():
     (lambda: pair().connect(1.5, "a.gear").run(stop=1), "whole number"),
     (lambda: pair().connect(Step(before=1, after=9, time=0.5), "a.gear").run(stop=1),
      "at t = 0.5 s: a.gear is 9"),
+    (lambda: pair().connect(Table(times=[0, 0.5], data=[1, 1.5], interpolation="hold"), "a.gear").run(stop=1),
+     "^signal 'a.gear' at t = 0.5 s: a.gear is 1.5: a whole number"),
     (lambda: pair().connect(float("nan"), "a.u").run(stop=1), "finite"),
     (lambda: pair().record("a.x").run(stop=1), "nothing to record is called 'a.x'"),
     (lambda: pair().signal("a", RAMP), "not taken"),
