@@ -8,7 +8,7 @@ import pytest
 from drives import a_drive
 
 from cosim.diagnosis.plants import FullOrderCar
-from cosim.diagnosis.plants.gearing import Gearing
+from cosim.diagnosis.plants.gearing import LOCKED, Gearing, coupled
 from driveline.quantities import InputError
 
 
@@ -49,6 +49,22 @@ def test_a_short_drive_is_compared_where_clutch_and_brake_let_it_be():
     braked = a_drive(car, (4,), gear=4, brake_torque=lambda t: np.where(t > 4.0, 2000.0, 0.0))
     [run] = car.runs(braked)
     assert run.time[-1] < 4.0
+
+
+def test_what_an_open_clutch_or_a_brake_drives_is_left_out_with_half_a_second_on_either_side():
+    """A clutch that slips a little by its control is closed; in another manoeuvre than a drive its slip is a finding.
+    """
+    car = FullOrderCar("suv_6l80")
+    turbine = a_drive(car, (4, 4)).manoeuvres[0]["turbine_speed"].values
+
+    def turns(t):
+        return turbine + LOCKED * (0.9 + 0.2 * ((t >= 3.0) & (t < 5.0)))
+
+    [drive] = a_drive(car, (4, 4), engine_speed=turns, turbine_speed=lambda t: turbine,
+                      brake_torque=lambda t: 50.0 * ((t >= 9.0) & (t < 10.0))).manoeuvres
+    parts = coupled(drive, 0.0, 13.9)
+    assert np.array(parts) == pytest.approx(np.array([[0.0, 2.5], [5.5, 8.5], [10.5, 13.9]]), abs=0.03)
+    assert coupled(replace(drive, kind="tip_in"), 0.0, 13.9) == [(0.0, 13.9)]
 
 
 def test_where_the_speeds_have_no_gears_ratio_a_drive_is_not_compared():
