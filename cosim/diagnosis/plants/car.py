@@ -257,7 +257,7 @@ class FullOrderCar(InstrumentedPlant):
         return Gearing.of(self.values)
 
     def _start_speed(self, manoeuvre: Manoeuvre, gear: int, start: float) -> float:
-        """Vehicle speed at the start from the first second of the best channel there is [m/s]."""
+        """Vehicle speed at the start from the first 0.6 s of the best channel there is [m/s]."""
         known = [(manoeuvre[name], factor) for name, factor in self.gearing.rolling(gear).items() if name in manoeuvre]
         for channel, factor in known:
             first = (channel.time >= start) & (channel.time <= start + 0.6)
