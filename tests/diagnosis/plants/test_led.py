@@ -9,6 +9,7 @@ from scipy.interpolate import CubicSpline
 
 from cosim.diagnosis.plants import Nuisance
 from cosim.diagnosis.plants.led import led_by
+from cosim.diagnosis.plants.observation import observe
 
 
 def test_led_by_its_own_speeds_it_goes_its_own_way(car_and_run):
@@ -41,6 +42,22 @@ def test_what_leads_it_leaves_little_beside_the_noise_of_the_channels(car_and_ru
     left = car.predict(values, replace(run, anchors=anchors)) - car.predict(values, run.free)
     for name, place in run.slices.items():
         assert np.sqrt(np.mean(left[place] ** 2)) < most * FLOORS[name], name
+
+
+@pytest.mark.parametrize("errors", [{"delay": 0.05}, {"gain": 1.02, "offset": 0.1},
+                                    {"clock_drift": 1e-3, "clock_offset": 0.03}])
+def test_what_the_sensors_that_lead_it_do_is_undone(car_and_run, errors):
+    """By speeds that are late, or off, it is led as by those that are right, where it is known what they do."""
+    car, run = car_and_run
+    raw, names = car.raw(car.values, run.free), ("engine_speed", "vehicle_speed")
+    wrong = car.values | {f"observe.{name}.{error}": size for name in names for error, size in errors.items()}
+    clock = np.arange(run.start - 0.2, run.time[-1] + 0.2, 1e-3)
+    shown = {name: CubicSpline(clock, observe(raw, run.time, wrong, name, clock)) for name in names}
+    right, undone, taken = (car.raw(values, replace(run, anchors=anchors, gaps=())) for values, anchors in (
+        (car.values, led_by(run, raw).anchors), (wrong, shown), (car.values, shown)))
+    for name in names:
+        left = np.abs(undone[name] - right[name]).max()
+        assert left < 0.02 * np.abs(taken[name] - right[name]).max() and left < 0.02 * FLOORS[name], name
 
 
 def test_a_led_driveline_forgets_a_torque(car_and_run):
