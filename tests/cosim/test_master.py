@@ -157,13 +157,13 @@ def test_two_in_a_loop_differ_by_order_as_derived_by_hand(order):
 
 
 class Mixer(Model):
-    """y(k+1) = y(k) / 2 + warm(k) - cold(k) / 4 + dt, in kelvin, of inputs in other units."""
+    """y(k+1) = y(k) / 2 + one(k) - two(k) / 4 + dt, in kelvin, of inputs in units of their own."""
 
     name = "mixer"
 
-    def __init__(self, start: float) -> None:
-        self.variables = (Variable("warm", "degC", "input", "input", "continuous", start=3.0),
-                          Variable("cold", "degF", "input", "input", "continuous", start=-2.0),
+    def __init__(self, start: float, units: tuple[str, str]) -> None:
+        self.variables = (Variable("one", units[0], "input", "input", "continuous", start=3.0),
+                          Variable("two", units[1], "input", "input", "continuous", start=-2.0),
                           Variable("y", "K", "output", "output", "continuous", start=start))
         super().__init__()
 
@@ -177,17 +177,22 @@ class Mixer(Model):
         self.values[2] = self.state[0] = 0.5 * self.state[0] + self.values[0] - 0.25 * self.values[1] + dt
 
 
+# of the participants of the law below: start value, units of both inputs; and of these factor and offset from kelvin
+MIXED = {"a": (1.0, ("degC", "degF")), "b": (20.0, ("kK", "K")), "c": (300.0, ("K", "degC"))}
+OF_KELVIN = {"K": (1.0, 0.0), "kK": (1e-3, 0.0), "degC": (1.0, -273.15), "degF": (1.8, 32.0 - 1.8 * 273.15)}
+
+
 @given(gauss_seidel=st.booleans(), periods=st.lists(st.integers(1, 6), min_size=3, max_size=3), stop=st.integers(1, 20),
        every=st.integers(1, 4),
        sources=st.lists(st.sampled_from(["", "signal", "a.y", "b.y", "c.y"]), min_size=6, max_size=6))
 def test_every_step_sees_its_beginning_and_in_gauss_seidel_the_end_of_those_before_it(
         gauss_seidel, periods, stop, every, sources):
     """Whoever is connected to whom, at whatever rates [ms], with whatever conversion."""
-    names = "abc"
     master = Master(step=1e-3, order="gauss-seidel" if gauss_seidel else "jacobi")
-    for name, period, start in zip(names, periods, (1.0, 20.0, 300.0)):
-        master.add(name, Mixer(start), step=period * 1e-3)
-    wires = dict(zip([(name, entry) for name in names for entry in ("warm", "cold")], sources))
+    period = dict(zip(MIXED, periods))
+    for name, (start, units) in MIXED.items():
+        master.add(name, Mixer(start, units), step=period[name] * 1e-3)
+    wires = dict(zip([(name, entry) for name in MIXED for entry in ("one", "two")], sources))
     ramp = Ramp(before=-5.0, after=50.0, time=0.0, duration=0.02, unit="K")
     master.signal("signal", ramp).record("*", step=every * 1e-3)
     for (name, entry), source in wires.items():
@@ -196,33 +201,33 @@ def test_every_step_sees_its_beginning_and_in_gauss_seidel_the_end_of_those_befo
     result = master.run(stop=stop * 1e-3)
 
     def begun(name, tick):  # beginning of the last step that began at or before it
-        period = periods[names.index(name)]
-        return tick if tick == stop else tick // period * period
+        return tick if tick == stop else tick // period[name] * period[name]
 
     @functools.cache
     def output(name, tick):
         end = begun(name, tick)
         if end == 0:
-            return (1.0, 20.0, 300.0)[names.index(name)]
+            return MIXED[name][0]
         begin = begun(name, end - 1)
-        warm, cold = (seen(name, entry, begin, end) for entry in ("warm", "cold"))
-        return 0.5 * output(name, begin) + warm - 0.25 * cold + 1e-3 * (end - begin)
+        one, two = (seen(name, entry, begin, end) for entry in ("one", "two"))
+        return 0.5 * output(name, begin) + one - 0.25 * two + 1e-3 * (end - begin)
 
     def seen(name, entry, begin, end):
         source = wires[name, entry]
         if not source:
-            return {"warm": 3.0, "cold": -2.0}[entry]
+            return {"one": 3.0, "two": -2.0}[entry]
         if source == "signal":
             kelvin = float(ramp.values(np.array(1e-3 * begin)))
         else:
             kelvin = output(source[0], end if gauss_seidel and source[0] < name else begin)
-        return kelvin - 273.15 if entry == "warm" else 1.8 * (kelvin - 273.15) + 32.0
+        factor, offset = OF_KELVIN[MIXED[name][1][entry == "two"]]
+        return factor * kelvin + offset
 
     ticks = [*range(0, stop, every), stop]
-    for name in names:
+    for name in MIXED:
         expected = [output(name, tick) for tick in ticks]
         assert result[f"{name}.y"] == pytest.approx(expected, rel=1e-10, abs=1e-9)
-        for entry in ("warm", "cold"):  # as sampled where the present step began
+        for entry in ("one", "two"):  # as sampled where the present step began
             expected = [seen(name, entry, begun(name, tick), begun(name, tick)) for tick in ticks]
             assert result[f"{name}.{entry}"] == pytest.approx(expected, rel=1e-10, abs=1e-9)
 
