@@ -27,9 +27,18 @@ def test_every_gear_is_the_nearest_to_its_own_ratio_and_speeds_roll_by_it(vehicl
     assert set(gearing.rolling(0)) == {"vehicle_speed", "wheel_speed", "transmission_output_speed"}
 
 
-def test_a_drive_without_a_gear_channel_is_cut_where_its_speeds_change_gear():
-    car = FullOrderCar("suv_6l80")
-    found, further, _ = car.stretches(a_drive(car, (4, 5, 4, 6)))
+@pytest.mark.parametrize("by", ["wheel_speed", "vehicle_speed", "gear"])
+def test_a_drive_is_cut_where_its_speeds_or_who_knows_say_that_the_gear_changes(by):
+    car, gears = FullOrderCar("suv_6l80"), (4, 5, 4, 6)
+    measured = a_drive(car, gears, vehicle_speed=lambda t: car.gearing.radius * (60.0 + np.sin(t)))
+    [drive] = measured.manoeuvres
+    engaged = np.array(gears)[(drive["wheel_speed"].time // 7.0).astype(int)]
+    told = replace(drive["wheel_speed"], name="gear", unit="1", values=engaged.astype(float))
+    drive = replace(drive, channels={**drive.channels, "gear": told})
+    drive = drive.without([name for name in ("wheel_speed", "vehicle_speed", "gear") if name != by])
+    parts = np.array([part[:2] for part in car.gearing.parts(drive, 8.0, 20.0)])
+    assert parts == pytest.approx(np.array([[8.0, 14.0], [14.0, 20.0]]), abs=0.03)
+    found, further, _ = car.stretches(replace(measured, manoeuvres=(drive,)))
     assert not further
     assert [run.gear for run in found] == [4, 5, 4, 6]
     for i, run in enumerate(found):
@@ -67,11 +76,12 @@ def test_what_an_open_clutch_or_a_brake_drives_is_left_out_with_half_a_second_on
     assert coupled(replace(drive, kind="tip_in"), 0.0, 13.9) == [(0.0, 13.9)]
 
 
-def test_where_the_speeds_have_no_gears_ratio_a_drive_is_not_compared():
+@pytest.mark.parametrize(("off", "turns"), [(1.1, 3.9), (0.9, 3.19)])
+def test_where_the_speeds_have_no_gears_ratio_a_drive_is_not_compared(off, turns):
     car = FullOrderCar("suv_6l80")
-    between = 1.1 * car.gearing.ratios[4] * car.values["final_drive.ratio"]
+    between = off * car.gearing.ratios[4] * car.values["final_drive.ratio"]
     odd = a_drive(car, (4,), turbine_speed=lambda t: between * (60.0 + np.sin(t)))
-    with pytest.raises(InputError, match="3.9 times as fast as the wheels, in gear 12.4, 7.28, .*write gear = N"):
+    with pytest.raises(InputError, match=f"{turns} times as fast as the wheels, in gear 12.4, 7.28, .*write gear = N"):
         car.runs(odd)
 
 
