@@ -325,6 +325,14 @@ def test_a_value_whose_unit_nobody_declares_passes_as_it_is_and_that_is_said(sou
     assert result["b.y"].tolist() == [3.0] * 4 and notice in master.notices
 
 
+@pytest.mark.parametrize(("value", "given", "unit", "arrives"), [
+    (90.0, "deg", "rad", np.pi / 2.0), (300.0, "K", "degC", 26.85), (3.0, "", "rad", 3.0)])
+def test_a_constant_arrives_in_the_unit_of_the_input(value, given, unit, arrives):
+    master = Master(step=0.1).add("a", Holder(unit)).connect(Constant(value=value, unit=given), "a.u")
+    result = master.record("a.*").run(stop=0.2)
+    assert result["a.u"] == pytest.approx([arrives] * 3) and result["a.y"] == pytest.approx([arrives] * 3)
+
+
 def test_the_range_of_an_input_is_in_its_own_unit():
     """A signal in degrees at an input of at most one radian is refused where it gets there, and not before."""
     master = Master(step=0.1).add("a", Holder("rad", minimum=-1.0, maximum=1.0))
