@@ -172,6 +172,11 @@ def test_another_gear_than_the_measurement_says_is_named(recorded):
     car, runs = recorded
     with pytest.raises(InputError, match=f"{runs[0].name}: .*as in gear 4; gear 5, as the measurement says"):
         check(car, [replace(runs[0], gear=5), runs[1]])
+    for enough in (("engine_speed", "turbine_speed", "wheel_speed"), ("turbine_speed", "wheel_speed", "vehicle_speed")):
+        with pytest.raises(InputError, match="as in gear 4; gear 5, as the measurement says"):
+            check(car, [replace(runs[0].only(enough), gear=5)])
+    # of two speeds nobody knows whether the gear is not right or one of them
+    check(car, [replace(runs[0].only(("turbine_speed", "wheel_speed")), gear=5)])
     blind = runs[0].only([name for name in runs[0].clocks if name != "turbine_speed"])
     torque = np.arange(len(car.columns)) == car.columns["engine_torque"]
     driving = replace(blind, gear=5, inputs=np.where(torque, np.maximum(blind.inputs, 1.0), blind.inputs))
