@@ -107,6 +107,33 @@ def test_exact_when_the_plant_is_the_model_and_never_leaves_contact(period):
     assert estimator["triggered"] == 1.0 and abs(estimator["lash_size_unconstrained"]) < 1e-9
 
 
+@pytest.mark.parametrize("period", [1e-3, 1e-2])
+def test_a_speed_corrects_as_the_textbook_filter_does_that_has_run_for_long(period):
+    """The lash moves evenly over a frame, not by a jump at its beginning; all else is noise at its end."""
+    estimator = make(period=period, engine_torque=-1.0, engine_speed=150.0, wheel_speed=29.81, **THESIS)
+    estimator.initialize()
+    estimator.simulate(np.array([[-1.0, 150.0, 29.81]] * 3 + [[1.0, 150.0, 29.81], [3.0, 150.0, 29.81]]))
+    saved = estimator.save()
+
+    def after(engine, wheel):
+        estimator.restore(saved)
+        return estimator.simulate(np.array([[5.0, 150.0 + engine, 29.81 + wheel]]))[0, :N]
+
+    assert estimator["triggered"] == 1.0
+    gain = np.column_stack([after(1e-3, 0.0) - after(0.0, 0.0), after(0.0, 1e-3) - after(0.0, 0.0)]) / 1e-3
+    rates = twists(Lumped.of(estimator.parameters), CONTACT).A
+    way = np.mean([expm(rates * period * (i + 0.5) / 100) for i in range(100)], axis=0)[:, 5]
+    q, r = np.diag([1e-9, 1e-2, 1e-9, 1e-8, 1e2, 0.0]) + 1e-4 * np.outer(way, way), np.diag([2e-5, 3e-5])
+    a, p, c = expm(rates * period), np.zeros((N, N)), np.eye(N)[[1, 3]]
+    for _ in range(3000):
+        p = a @ p @ a.T + q
+        expected = np.linalg.solve(c @ p @ c.T + r, c @ p).T
+        p = (np.eye(N) - expected @ c) @ p
+        p = 0.5 * (p + p.T)
+    largest = np.abs(expected).max(axis=1, keepdims=True)
+    np.testing.assert_allclose(gain / largest, expected / largest, atol=1e-4)
+
+
 def test_the_twist_is_the_integral_of_the_measured_speeds():
     """By the trapezoidal rule; speeds, and the torque that twist and offset make, are those of the filter alone."""
     data = record()
