@@ -106,6 +106,24 @@ def test_in_contact_it_settles_at_the_riccati_solution(period):
     assert found["variance[6]"][-1] == 0.0  # on its flank
 
 
+@pytest.mark.parametrize("torque", [-40.0, 120.0])
+def test_it_starts_on_the_flank_that_the_torque_lies_on_with_all_masses_accelerating_alike(torque):
+    estimator = make(engine_torque=torque, engine_speed=150.0, wheel_speed=0.0)
+    p, parameters = Lumped.of(estimator.parameters), estimator.parameters
+    estimator["wheel_speed"] = 150.0 / (p.i_tr * p.i_fdr)  # nothing twists
+    estimator.initialize()
+    x = np.array([estimator[v.name] for v in estimator.output_variables[:N]])
+    assert x[5] == estimator["contact"] * parameters.shaft.half_gap and np.sign(torque) == estimator["contact"]
+    gear, vehicle, speed = parameters.gear, parameters.vehicle, p.r_w * x[4]
+    drive = torque - gear.loss_constant - gear.loss_viscous * 150.0
+    resistance = vehicle.aerodynamic_factor * speed * speed + vehicle.rolling_resistance_force
+    model = twists(p, CONTACT)
+    change = model.A @ x + model.B @ np.array([drive, resistance])
+    assert change[[0, 2]] == pytest.approx([0.0, 0.0], abs=1e-12)
+    assert change[1] / (p.i_tr * p.i_fdr) == pytest.approx(change[3]) == pytest.approx(change[4])
+    assert np.sign(change[4]) == np.sign(torque)
+
+
 def reference(estimator, x, torques, period):
     """One page of the same driveline: two linear modes, switched where eq. 3.32 and 3.33 say, from x on."""
     p, parameters = Lumped.of(estimator.parameters), estimator.parameters
