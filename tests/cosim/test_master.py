@@ -333,6 +333,17 @@ def test_a_constant_arrives_in_the_unit_of_the_input(value, given, unit, arrives
     assert result["a.u"] == pytest.approx([arrives] * 3) and result["a.y"] == pytest.approx([arrives] * 3)
 
 
+@pytest.mark.parametrize(("given", "shown", "last"), [("deg", "deg", 90.0), ("", "rad", 90.0)])
+def test_a_signal_is_recorded_in_its_own_unit_or_where_it_has_none_in_that_of_its_input(given, shown, last):
+    master = Master(step=0.1).add("a", Holder("rad"))
+    master.signal("turned", Ramp(before=0.0, after=90.0, time=0.0, duration=0.2, unit=given))
+    master.signal("nowhere", Ramp(before=0.0, after=90.0, time=0.0, duration=0.2))
+    result = master.connect("turned", "a.u").run(stop=0.2)
+    assert (master.recorded()["turned"], result["turned"][-1]) == (shown, last)
+    assert (master.recorded()["nowhere"], result["nowhere"][-1]) == ("", 90.0)
+    assert result["a.y"][-1] == pytest.approx(np.radians(45.0) if given else 45.0)
+
+
 def test_the_range_of_an_input_is_in_its_own_unit():
     """A signal in degrees at an input of at most one radian is refused where it gets there, and not before."""
     master = Master(step=0.1).add("a", Holder("rad", minimum=-1.0, maximum=1.0))
@@ -366,7 +377,8 @@ def test_unconnected_inputs_and_loops_are_said_aloud(caplog):
     caplog.set_level(logging.INFO, "cosim")
     master = Master(step=0.1).add("a", Chain(through=True)).add("b", Chain(through=True)).add("c", lag())
     master.connect("a.y", "b.u").connect("b.y", "a.u").run(stop=0.1)
-    assert "c.gear is not connected: it stays at its start value, 1" in master.notices  # a pure number has no unit 1
+    assert {"c.u is not connected: it stays at its start value, 0 rad",
+            "c.gear is not connected: it stays at its start value, 1"} <= set(master.notices)
     loop = next(n for n in master.notices if n.startswith("algebraic loop"))
     assert all(name in loop for name in ("a.u", "a.y", "b.u", "b.y"))
     assert "algebraic loop" in caplog.text
