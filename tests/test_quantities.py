@@ -82,6 +82,14 @@ def test_the_message_says_what_would_be_right(value, said):
         Variable("shaft.length", "m", "length", minimum=-2.0, maximum=3.0).check(value)
 
 
+@pytest.mark.parametrize("unit", ["1", ""])  # of what counts, and of what an FMU says nothing of
+@pytest.mark.parametrize(("value", "said"), [(math.nan, "share is nan: a finite number is needed"),
+                                             (2.0, "share is 2: at most 1 is possible")])
+def test_where_there_is_no_unit_the_message_has_none(unit, value, said):
+    with pytest.raises(InputError, match=f"^{said}$"):
+        Variable("share", unit, "part", minimum=0.0, maximum=1.0).check(value)
+
+
 @pytest.mark.parametrize("kind", ["integer", "boolean"])
 def test_a_count_must_be_whole(kind):
     variable = Variable("gear", "1", "engaged gear", kind=kind)
