@@ -300,9 +300,9 @@ class Holder(Model):
 
     name = "holder"
 
-    def __init__(self, unit: str, **limits: float) -> None:
-        self.variables = (Variable("u", unit, "input", "input", "continuous", **limits),
-                          Variable("y", unit, "the same", "output", "continuous"))
+    def __init__(self, unit: str, kind: str = "real", **limits: float) -> None:
+        self.variables = (Variable("u", unit, "input", "input", "discrete", kind, **limits),
+                          Variable("y", unit, "the same", "output", "discrete", kind))
         super().__init__()
 
     def _prepare(self) -> None:
@@ -331,6 +331,16 @@ def test_a_constant_arrives_in_the_unit_of_the_input(value, given, unit, arrives
     master = Master(step=0.1).add("a", Holder(unit)).connect(Constant(value=value, unit=given), "a.u")
     result = master.record("a.*").run(stop=0.2)
     assert result["a.u"] == pytest.approx([arrives] * 3) and result["a.y"] == pytest.approx([arrives] * 3)
+
+
+def test_what_counts_may_drive_what_measures_and_is_a_number_of_its_own_unit():
+    def connected(unit, kind):
+        master = Master(step=0.1).add("a", Holder("km", "integer")).add("b", Holder(unit, kind)).connect(3, "a.u")
+        return master.connect("a.y", "b.u").run(stop=0.3)["b.y"].tolist()
+
+    assert connected("m", "real") == [3000.0] * 4 and connected("km", "integer") == [3.0] * 4
+    with pytest.raises(InputError, match="'a.y' is in 'km', but 'b.u' in 'm': a value of type integer is not conv"):
+        connected("m", "integer")
 
 
 @pytest.mark.parametrize(("given", "shown", "last"), [("deg", "deg", 90.0), ("", "rad", 90.0)])
