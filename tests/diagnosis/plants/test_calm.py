@@ -14,12 +14,12 @@ def torque(values, time):
     return Channel("engine_torque", "N.m", time, values, "")
 
 
-@pytest.mark.parametrize("seed", range(8))
-def test_parts_are_the_stretch_and_none_is_long_or_of_no_use(seed):
+@pytest.mark.parametrize(("seed", "moves"), [*((seed, 1.0) for seed in range(8)), (8, 0.0)])
+def test_parts_are_the_stretch_and_none_is_long_or_of_no_use(seed, moves):
     random = np.random.default_rng(seed)
     begin, length = random.uniform(0.0, 50.0), random.uniform(1.0, 6.0) * LONGEST
     time = np.arange(0.0, begin + length + 1.0, 0.01)
-    wanders = torque(np.cumsum(random.standard_normal(time.size)), time)
+    wanders = torque(moves * np.cumsum(random.standard_normal(time.size)), time)
     parts = calm_parts(wanders, begin, begin + length, LONGEST)
     assert parts[0][0] == begin and parts[-1][1] == begin + length
     assert [a for a, _ in parts[1:]] == [b for _, b in parts[:-1]]
