@@ -195,6 +195,19 @@ def test_a_mark_at_the_beginning_of_the_file_is_no_obstacle(folder):
     assert Scenario.load(path).title == "Lag and counter"
 
 
+@pytest.mark.parametrize(("gear", "own", "takes"), [
+    ("", "", 4), ("gear = 7\n", "", 7), ("gear = 7\n", "gear = 2\n", 2)])
+def test_parameters_of_a_vehicle_are_those_of_the_gear_that_was_measured_in_unless_another_is_said(
+        folder, gear, own, takes):
+    (folder / "m" / "measurement.toml").write_text('[[manoeuvre]]\nfile = "log.csv"\ngear = 4\n')
+    vehicle = 'vehicle = "pickup_10r80"\n'
+    table = f"stop = 0.5\n{vehicle}{gear}[fmu.p]\ntwin = 'plant_rom_3dof'\n{own}[measurement]\npath = 'm'\n"
+    plain = f"stop = 0.5\n{vehicle}gear = {takes}\n[fmu.p]\ntwin = 'plant_rom_3dof'\n"
+    found, expected = (Scenario.load(write(folder, text)).run().provenance["participants"]["p"]["parameters"]
+                       for text in (table, plain))
+    assert found == expected
+
+
 def test_words_and_switches_can_be_set_from_outside(foreign_fmus, tmp_path):
     text = f'stop = 0.2\nstep = 0.1\n[fmu.f]\nfile = "{foreign_fmus / "worded.fmu"}"\n'
     for on in ("true", True):
@@ -203,6 +216,14 @@ def test_words_and_switches_can_be_set_from_outside(foreign_fmus, tmp_path):
 
 
 def test_a_parameter_can_be_what_was_measured_at_the_start(folder):
+    """Between two samples too, and in the parameter's own unit."""
+    (folder / "log.csv").write_text("time,road_grade [deg]\n0,0\n0.1,4\n0.5,12\n")
+    start = TEXT.replace('stop = "0.5 s"', 'stop = "0.5 s"\nstart = 0.2') + "[measurement]\npath = 'log.csv'\n"
+    result = Scenario.load(write(folder, start.replace('"10 deg"', '{ measured = "road_grade" }'))).run()
+    assert result["a.y"][0] == pytest.approx(np.radians(6.0))
+
+
+def test_a_parameter_that_was_not_measured_in_such_a_unit_is_named(folder):
     text = TEXT.replace('stop = "0.5 s"', 'stop = "0.5 s"\nstart = 0.25') + MEASURED
     text = text.replace('time_constant = "50 ms"', 'start_angle = { measured = "gear" }').replace(
         'start_angle = "10 deg"', "")
