@@ -187,9 +187,7 @@ class Scenario:
         if self.manoeuvre is not None and self.manoeuvre.gear is not None:
             common.setdefault("gear", self.manoeuvre.gear)
         options = {**common, **{key: entry[key] for key in ("vehicle", "variant", "gear") if key in entry}}
-        if "vehicle" not in options:
-            options.clear()  # without a vehicle file there is nothing to take a gear's values from
-        elif (self._file.path.parent / options["vehicle"]).is_file():
+        if "vehicle" in options and (self._file.path.parent / options["vehicle"]).is_file():
             options["vehicle"] = str(self._file.path.parent / options["vehicle"])
         with self._file.at("fmu", name):
             what = twin or find_fmu(entry["file"], self._file.path.parent)
