@@ -173,10 +173,12 @@ class Reader:
 
     @cached_property
     def _shifted(self) -> dict[str, np.ndarray]:
-        """Changes of every channel of the reference, shifted by every lag (lags, samples)."""
+        """Changes of every channel of the reference, shifted by every lag (lags, samples); of none that is too short."""
         found = {}
         for name, values in self.even(self.reference).items():
             changes, inner = _changes(values), self._inner(name)
+            if np.sum(inner) < _FEWEST:
+                continue
             rows = np.array([np.roll(changes, lag)[inner] for lag in _LAGS])
             found[name] = rows - rows.mean(axis=1, keepdims=True)
         return found
@@ -202,7 +204,9 @@ class Reader:
                 continue
             if name in _RINGING and not self._lost(name, 0.0):
                 found[(name, "shuffle frequency")], found[(name, "shuffle damping")] = self._shuffle(values)
-            lag, found[(name, "amplitude")], _ = self._shift(name, values)
+            lag = None
+            if name in self._shifted:
+                lag, found[(name, "amplitude")], _ = self._shift(name, values)
             found[(name, "lag")] = lag
             if name in _TORQUES:
                 found[(name, "gain")], found[(name, "zero offset")] = self._line(

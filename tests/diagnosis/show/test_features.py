@@ -327,6 +327,16 @@ def test_a_gap_in_one_channel_leaves_the_others_as_they_were():
             assert value == pytest.approx(whole[(name, feature)]), (name, feature)
 
 
+@pytest.mark.parametrize("begin", [6.2, 6.3])
+def test_what_is_too_short_to_be_shifted_has_no_lag(begin):
+    """A stretch of a drive: beyond what the longest shift needs on either side there is next to nothing of it."""
+    run = recorded(step, propeller_shaft_torque=smooth(6.0), wheel_speed=smooth(2.0))
+    short = holed(run, 0.0, begin)
+    found = read(short, short)
+    assert "waveform" not in found and all(np.isfinite(value) for value in found.values())
+    assert not {"lag", "amplitude"} & {feature for _, feature in found}
+
+
 def test_a_channel_that_is_hardly_there_says_nothing():
     run = recorded(step, propeller_shaft_torque=smooth(6.0), wheel_speed=smooth(2.0))
     found = read(holed(run, 0.7, 6.7), holed(run, 0.7, 6.7))
