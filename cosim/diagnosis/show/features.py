@@ -173,7 +173,7 @@ class Reader:
 
     @cached_property
     def _shifted(self) -> dict[str, np.ndarray]:
-        """Changes of every channel of the reference, shifted by every lag (lags, samples); of none that is too short."""
+        """Changes of every channel of the reference, shifted by every lag (lags, samples); of none too short."""
         found = {}
         for name, values in self.even(self.reference).items():
             changes, inner = _changes(values), self._inner(name)
