@@ -32,8 +32,7 @@ from cosim.diagnosis.judge.finding import (
     missing,
     wrong_sensor,
 )
-from cosim.messages import behind
-from driveline.quantities import InputError
+from driveline.quantities import InputError, behind
 
 log = logging.getLogger("cosim")
 LISTS = ("fmus", "scenarios", "studies", "vehicles", "effects")

@@ -1,14 +1,9 @@
-"""How messages say numbers, and, about bad input, what would be right."""
+"""How messages about bad input say what would be right."""
 
 from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
-
-
-def behind(unit: str) -> str:
-    """A unit as it stands behind its number, with the blank between them; nothing for a pure number."""
-    return "" if unit in ("", "1") else f" {unit}"
 
 
 def did_you_mean(wrong: str, known: Iterable[str], all_if_few: int = 8) -> str:

@@ -34,7 +34,7 @@ from driveline import vehicles
 from driveline.kernels import layout as k
 from driveline.models import MODELS, SHIPPED_GEAR, SHIPPED_VARIANT, SHIPPED_VEHICLE
 from driveline.plants.plant import Plant
-from driveline.quantities import Variable
+from driveline.quantities import Variable, behind
 from driveline.vehicles import Vehicle
 
 FOLDER = Path(__file__).parent
@@ -216,7 +216,7 @@ def size_range(parameter: EffectParameter) -> str:
     low, high = map(number, parameter.limits)
     if parameter.scale == "log":
         return f"times {low} to {high}"
-    return f"{low} to {high}" + ("" if parameter.unit == "1" else f" {parameter.unit}")
+    return f"{low} to {high}{behind(parameter.unit)}"
 
 
 def effect_page() -> str:

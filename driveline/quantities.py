@@ -41,6 +41,11 @@ def spelled_for_pint(unit: str) -> str:
     return spelled
 
 
+def behind(unit: str) -> str:
+    """A unit as it stands behind its number, with the blank between them; nothing for a pure number."""
+    return "" if unit in ("", "1") else f" {unit}"
+
+
 @dataclass(frozen=True)
 class Variable:
     """One scalar that crosses a model's boundary.
@@ -80,9 +85,9 @@ class Variable:
 
     def check(self, value: float) -> None:
         """Raise InputError unless ``value`` is finite and inside the range of this variable."""
-        unit = "" if self.unit in ("", "1") else f" {self.unit}"
+        unit = behind(self.unit)
         if not value - value == 0.0:  # true for NaN and both infinities
-            raise InputError(f"{self.name} is {value}: a finite number{unit and ' in' + unit} is needed")
+            raise InputError(f"{self.name} is {value}: a finite number{unit and f' in{unit}'} is needed")
         low, high = self.range
         digits = ".10g" if self.kind == "integer" else "g"  # all of those an integer can have
         if value < low:

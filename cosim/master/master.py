@@ -20,11 +20,11 @@ from cosim.master.fmu import FmuParticipant
 from cosim.master.parameters import find_fmu, twin_of, vehicle_parameters, why_strange
 from cosim.master.participants import ModelParticipant, Participant, SimulationError
 from cosim.master.stepping import Loop, NotFinite
-from cosim.messages import behind, did_you_mean
+from cosim.messages import did_you_mean
 from cosim.result import Result, check_signal_name
 from cosim.signals import Constant, Signal
 from driveline.model import Model
-from driveline.quantities import InputError, Variable
+from driveline.quantities import InputError, Variable, behind
 
 log = logging.getLogger("cosim")
 

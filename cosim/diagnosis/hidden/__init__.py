@@ -31,10 +31,10 @@ from cosim.diagnosis.hidden.model import PRE_ROLL, packed, simulate
 from cosim.diagnosis.hidden.outside import OUTSIDE, PREFIX
 from cosim.diagnosis.hidden.recordings import Drive, asked, driven, logged, usual, write
 from cosim.files import replacing
-from cosim.messages import behind, did_you_mean
+from cosim.messages import did_you_mean
 from driveline import vehicles
 from driveline.plants.full_order import FullOrderParameters
-from driveline.quantities import InputError, parameter_variables
+from driveline.quantities import InputError, behind, parameter_variables
 
 STRUCTURES = ("same", "other")
 DRIFTS = ("nuisance", "all", "none")

@@ -19,7 +19,7 @@ from scipy.signal import savgol_coeffs, savgol_filter
 from cosim.diagnosis.plants import Run
 from cosim.diagnosis.plants.gaps import known
 from cosim.measured import CANONICAL
-from cosim.messages import behind
+from driveline.quantities import behind
 
 Key = tuple[str, str]  # signal, feature
 

@@ -51,8 +51,8 @@ def test_a_torque_nobody_knew_of_is_found_where_it_acts(car_and_run, place):
     # healthy cars explain a part
     frequency, alike = (0.5, 0.9) if place == "vehicle" else (2.0, 0.65)
     push = 3.0 * PLACES[place].size * np.sin(2.0 * np.pi * frequency * run.time)
-    (first, *_), led = missing(car, run, car.pushed(car.values, run.free, Nuisance(), place, push))
-    assert first.place == place and first.follows in ("", "time")  # a slow one is a curve over time as well
+    (first, *_), led = missing(car, run, car.pushed(car.values, run.free, Nuisance(), place, push), settled=True)
+    assert (first.place, first.follows) == (place, "")
     true = np.interp(hats(led), run.time, push)
     inside = slice(8, -8)
     assert np.corrcoef(first.table["torque"][inside], true[inside])[0, 1] > alike
